@@ -17,8 +17,9 @@ import typer
 from service.hair.bank import kind_of, match, read_bank
 from service.hair.find_hair import CANDIDATES
 from service.hair.kinds import KINDS, ends_m, kinds_of
-from service.hair.refine import across, fitted, refined, tried
+from service.hair.refine import across, refined, tried
 from service.hair.scalp import Scalp
+from service.hair.shape import fitted
 from service.hair.sight import Sight, overlap
 from service.hair.style import sample_style
 from service.head.files import load_head

@@ -22,8 +22,9 @@ from service.hair.colour import HairColour, asked_colour
 from service.hair.groom import Groom, make_groom
 from service.hair.paint import painted
 from service.hair.reading import read_hair
-from service.hair.refine import fitted, refined, seen_share, thickness_m, tried
+from service.hair.refine import refined, tried
 from service.hair.scalp import Scalp
+from service.hair.shape import fitted, seen_share, thickness_m
 from service.hair.sight import Sight, overlap
 from service.hair.style import LENGTHS, NAMED, Style, style_from_json
 from service.hair.worn_hair import WornHair

@@ -19,8 +19,9 @@ from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
 from service.hair.find_hair import CROPPED_M, find_hair
 from service.hair.paint import painted
 from service.hair.reading import CELLS
-from service.hair.refine import filled, fitted, refined, seen_share, thickness_m, trimmed
+from service.hair.refine import refined
 from service.hair.scalp import Scalp
+from service.hair.shape import filled, fitted, seen_share, thickness_m, trimmed
 from service.hair.sight import overlap
 from service.hair.style import NAMED, style_from_json, style_to_json
 from service.head.files import load_head

@@ -1,0 +1,369 @@
+"""Strands as the photo shows them: its combing, its hairline, its outline and its ends.
+
+They are grown along the photo's directions, moved to its outline, cut where it shows none, and bent to where it shows
+hair that is still uncovered. What it does not show stays the style's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from service.arrays import Bool, Float32, Float64
+from service.hair.groom import Groom, make_groom
+from service.hair.guides import Combing, resampled, unit
+from service.hair.reading import CELLS
+from service.hair.scalp import CENTRE, Scalp
+from service.hair.sight import Sight
+from service.hair.style import Style
+from service.image_filters import blurred
+
+FOLLOWS = 0.85
+"""How far strands follow a direction that the photo shows for sure."""
+REACHES_M = 0.02
+"""Distance from the visible skin or hair up to which the photo's directions hold."""
+
+
+def photo_combing(sight: Sight) -> Combing:
+    """The photo's directions as a combing: each lifted from the picture to the tangent plane of the body there."""
+    forward = sight.camera.rotation[2].astype(np.float32)
+    turn = np.array([[np.cos(sight.region.angle), -np.sin(sight.region.angle)],
+                     [np.sin(sight.region.angle), np.cos(sight.region.angle)]], np.float32)  # fmt: skip
+    axes = sight.camera.rotation[:2].astype(np.float32)
+    inner = sight.certainty * (blurred(sight.hair, 1.0) > 0.8)
+    field = np.concatenate([sight.direction * inner[..., None], inner[..., None]], -1).astype(np.float32)
+    smooth = blurred(field, 1.5)
+    sure = np.clip(np.linalg.norm(smooth[..., :2], axis=-1), 0, 1)
+
+    def wish(points: Float32, outwards: Float32) -> tuple[Float32, Float32]:
+        cell, seen = sight.visible(*sight.project(points))
+        facing = np.clip(-(outwards @ forward) / 0.35, 0, 1)  # beside the outline, the picture hardly tells
+        photo = smooth[cell][:, :2] @ turn.T
+        along = photo @ axes
+        # Of all vectors in the tangent plane the one whose picture is this one.
+        slope = (along * outwards).sum(1, keepdims=True) / np.minimum((outwards @ forward)[:, None], -0.3)
+        weight = FOLLOWS * sure[cell] * facing * seen
+        return unit(along - slope * forward), np.asarray(weight, np.float32)
+
+    return wish
+
+
+# --- Outline and ends -------------------------------------------------------------------------------------------------
+
+RAYS = 72
+"""Directions in the picture, from the middle of the head, in which outlines are compared."""
+SMOOTH_RAYS = 1.6
+"""Standard deviation, in rays, of the smoothing of their difference."""
+FARTHEST_M = (0.03, 0.045)
+"""How far the outline is moved at most, inwards and outwards."""
+SIDEWAYS_DEG = (140.0, 165.0)
+"""Angle from upwards up to which outlines are matched, and from which on not at all: below lies the neck."""
+
+
+def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
+    """Strands (N, P, 3) moved along the rays from the middle of the head to the outline of the photo's hair."""
+    mask = sight.drawn(strands).mask
+    frame = _rays(sight)
+    if frame is None or not len(strands):
+        return strands
+    centre, upwards, scale, cells_per_m = frame
+    difference, reach = _differences(centre, upwards, scale, mask, sight)
+    if not difference.any():
+        return strands
+    at, depth = sight.project(strands)
+    away = at - centre
+    length = np.linalg.norm(away, axis=-1)
+    turn = np.mod(np.arctan2(away[..., 1], away[..., 0]) - upwards, 2 * np.pi) / (2 * np.pi) * RAYS
+    own, outer = (np.interp(turn, np.arange(RAYS + 1), np.append(row, row[0])) for row in (difference, reach))
+    share = np.clip(length / np.maximum(outer, 1e-6), 0, 1.1) ** 2
+    # Roots stay on the skin; hair that is off it moves.
+    height = np.maximum(skin.outside(strands), 0)
+    loose = np.clip(height / 0.006, 0, 1)
+    direction = away / np.maximum(length, 1e-6)[..., None]
+    flat = np.einsum("npk,ck->npc", direction * (own * share * loose)[..., None], np.linalg.inv(cells_per_m))
+    # What a photo from the front does not tell, the back of the head, is as full as the sides.
+    top = np.abs(np.mod(np.arange(RAYS) * (360 / RAYS) + 180, 360) - 180) < TOP_DEG
+    deep = depth - sight.project(CENTRE)[1]
+    behind = np.clip(deep / 0.1, 0, 1) ** 2 * loose * (strands[..., 1] > -0.035) * float(difference[top].mean()) / scale
+    offset = np.einsum("npk,kc->npc", np.concatenate([flat, behind[..., None]], -1), sight.camera.rotation)
+    return np.asarray(strands + offset, np.float32)
+
+
+LEAST_RAYS = 8
+"""Fewest directions from which the thickness of hair is told."""
+
+
+def thickness_m(sight: Sight) -> float | None:
+    """How far the photo's hair stands off the outline of the bare head, metres: four fifths of top and sides less.
+
+    None where fewer than ``LEAST_RAYS`` tell.
+    """
+    frame = _rays(sight)
+    if frame is None:
+        return None
+    centre, upwards, scale, _ = frame
+    hair, bare, trust = _reaches(centre, upwards, scale, np.asarray(np.isfinite(sight.behind), np.float32), sight)
+    told = trust > 0.5
+    return float(np.quantile((hair - bare)[told], 0.8)) / scale if told.sum() >= LEAST_RAYS else None
+
+
+def _rays(sight: Sight) -> tuple[Float64, float, float, Float64] | None:
+    """Middle of the head in cells, the angle of upwards, cells a metre, and the same of both axes of the camera."""
+    def at(point: Float64) -> Float64:
+        return np.asarray(sight.project(point[None])[0][0], np.float64)
+
+    middle = CENTRE.astype(np.float64)
+    centre = at(middle)
+    cells_per_m = np.stack([(at(middle + 0.01 * axis) - centre) / 0.01 for axis in sight.camera.rotation[:2]], 1)
+    area = abs(float(np.linalg.det(cells_per_m)))
+    if not area > 1e-6:
+        return None
+    up = at(middle + np.array([0.0, 0.05, 0.0])) - centre
+    return centre, float(np.arctan2(up[1], up[0])), float(np.sqrt(area)), cells_per_m
+
+
+def _reaches(
+    centre: Float64, upwards: float, scale: float, mask: Float32, sight: Sight
+) -> tuple[Float64, Float64, Float64]:
+    """(RAYS,) cells up to which the photo's hair and a silhouette reach, and how far the two can be compared."""
+    radii = np.arange(1.0, 0.26 * scale, 0.5)
+    angles = upwards + np.arange(RAYS) * 2 * np.pi / RAYS
+    x, y = (centre[k] + np.outer(way, radii) for k, way in enumerate((np.cos(angles), np.sin(angles))))
+    inside = (x >= 0) & (y >= 0) & (x < CELLS) & (y < CELLS)
+    at = np.clip(y, 0, CELLS - 1).astype(int), np.clip(x, 0, CELLS - 1).astype(int)
+    hair, style = (sight.hair[at] > 0.5) & inside, (mask[at] > 0.5) & inside
+    ends = [np.where(one.any(1), radii[one.shape[1] - 1 - np.argmax(one[:, ::-1], 1)], 0.0) for one in (hair, style)]
+    # Hair that goes on beyond the photo, or behind something, does not tell where it ends.
+    beyond, rows = np.minimum(np.searchsorted(radii, ends[0] + 2.0), len(radii) - 1), np.arange(RAYS)
+    sure = (sight.known[at] > 0.5)[rows, beyond] & inside[rows, beyond]
+    trust = sure * (ends[0] > 0) * (ends[1] > 0) * _sideways(rows)
+    return ends[0], ends[1], np.asarray(trust, np.float64)
+
+
+def _differences(
+    centre: Float64, upwards: float, scale: float, mask: Float32, sight: Sight
+) -> tuple[Float64, Float64]:
+    """(RAYS,) cells by which the photo's hair reaches beyond the groom's, smoothed, and how far the groom's reaches."""
+    hair, style, trust = _reaches(centre, upwards, scale, mask, sight)
+    difference = np.clip(hair - style, -FARTHEST_M[0] * scale, FARTHEST_M[1] * scale)
+    rows = np.arange(RAYS)
+    apart = np.minimum(rows, RAYS - rows)
+    kernel = np.fft.rfft(np.exp(-0.5 * (apart / SMOOTH_RAYS) ** 2))
+    summed, weight = (np.fft.irfft(np.fft.rfft(row) * kernel, RAYS) for row in (trust * difference, trust))
+    return np.asarray(summed / (np.maximum(weight, 0) + 0.3)), np.maximum(style, 1.0)
+
+
+def _sideways(rays: np.ndarray) -> Float64:
+    """Weight of a ray by its angle from upwards."""
+    angle = np.abs(np.mod(rays * (360.0 / RAYS) + 180.0, 360.0) - 180.0)
+    return np.asarray(np.clip((SIDEWAYS_DEG[1] - angle) / (SIDEWAYS_DEG[1] - SIDEWAYS_DEG[0]), 0, 1))
+
+
+TOP_DEG = 100.0
+"""Angle from upwards up to which the outline is that of the skull's hair: the back is as full as it is there."""
+FRINGED = 0.04
+"""Value of the head's soft mask of the scalp from which on hair may grow where the photo shows it."""
+SURE = 0.7
+"""How surely the photo has to show hair at a root beyond the usual hairline."""
+
+
+def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) -> Groom:
+    """The groom with strands on skin beyond its hairline where the photo shows hair, each like the one beside it."""
+    if not len(groom):
+        return groom
+    more = skin.roots(len(groom), rng, least=FRINGED)
+    cell, seen = sight.visible(*sight.project(more.position))
+    facing = (more.normal * (sight.camera.centre - more.position)).sum(1) > 0.02
+    shown = (sight.hair[cell] > SURE) & (sight.known[cell] > SURE) & seen & facing
+    near = cKDTree(groom.strands[:, 0])
+    apart = near.query(more.position)[0]
+    # Where roots are as near as they are among themselves, hair grows already.
+    usual = float(np.median(near.query(groom.strands[:500, 0], k=2)[0][:, 1]))
+    wanted = shown & (apart > 1.5 * usual)
+    if not wanted.any():
+        return groom
+    roots = more.chosen(wanted)
+    like = near.query(roots.position)[1]
+    return groom.joined(roots.position[:, None] - groom.strands[like, :1] + groom.strands[like], roots.uv, like)
+
+
+BARE = 0.6
+"""How surely the photo has to show no hair where a strand is cut."""
+LEAST_LEFT = 0.3
+"""Share of a strand that cutting has to leave; else the whole strand goes."""
+HANGS_BELOW_M = -0.04
+"""Height below which hair hangs: what is hidden there ends where that beside it does."""
+STEP_M = 0.012
+GONE = 0.15
+"""Share of a row of hanging hair that the photo shows, below which the row is beyond its ends."""
+
+
+def trimmed(strands: Float32, sight: Sight, rng: np.random.Generator) -> tuple[Float32, Bool]:
+    """Strands cut where the photo shows that there is no hair, and which of them are left.
+
+    Args:
+        strands: (N, P, 3) metres.
+        sight: the photo.
+        rng: cut ends are uneven.
+
+    Returns:
+        (N, P, 3) float32, all of them, and (N,) bool.
+    """
+    if not len(strands):
+        return strands, np.zeros(0, bool)
+    points = strands.shape[1]
+    bare, _ = sight.read(blurred(sight.bare, 0.7), strands)
+    beyond = bare > BARE
+    ends = _ends(strands, sight)
+    if ends is not None:
+        height = ends + rng.normal(0, 0.006, len(strands))
+        beyond |= (strands[..., 1] < height[:, None]) & (strands[..., 1] < HANGS_BELOW_M)
+    cut = beyond.any(1)
+    first = np.where(cut, beyond.argmax(1), points - 1)
+    share = first / (points - 1)
+    uneven = np.where(cut, rng.uniform(0.94, 1.0, len(strands)), 1.0)
+    kept = (share >= LEAST_LEFT) | ~cut
+    made = resampled(strands, np.asarray(np.clip(share * uneven, 0.05, 1), np.float32), points)
+    return made, np.asarray(kept)
+
+
+def bare_rooted(strands: Float32, sight: Sight) -> Bool:
+    """(N,) whether the photo shows bare skin where a strand begins."""
+    return np.asarray(sight.read(blurred(sight.bare, 0.7), strands[:, 0])[0] > BARE)
+
+
+def like_neighbours(strands: Float32, cut: Float32, kept: Bool, sight: Sight) -> Float32:
+    """Strands (N, P, 3) of which those that would be cut to stubs run as the nearest that are not.
+
+    So a strand that crosses the face, which the photo shows bare, goes beside it with the others.
+
+    Args:
+        strands: before they were cut.
+        cut: and after, (N, P, 3).
+        kept: (N,) which are no stubs.
+        sight: the photo; what begins on bare skin stays as it is.
+    """
+    stubs = np.flatnonzero(~kept & ~bare_rooted(strands, sight))
+    whole = np.flatnonzero(kept)
+    if not len(stubs) or not len(whole):
+        return strands
+    near = whole[cKDTree(strands[whole, 0]).query(strands[stubs, 0])[1]]
+    made = strands.copy()
+    made[stubs] = cut[near] - cut[near, :1] + strands[stubs, :1]
+    return made
+
+
+def _ends(strands: Float32, sight: Sight) -> float | None:
+    """Height at which the photo's hanging hair ends; None where it does not tell."""
+    hanging = strands[strands[..., 1] < HANGS_BELOW_M]
+    if not len(hanging):
+        return None
+    cell, seen = sight.visible(*sight.project(hanging))
+    tells = seen & (sight.known[cell] > 0.5)
+    step = np.floor((HANGS_BELOW_M - hanging[tells, 1]) / STEP_M).astype(int)
+    if not len(step):
+        return None
+    count = np.bincount(step)
+    shown = np.bincount(step, np.minimum(2 * blurred(sight.hair, 0.7)[cell][tells], 1))
+    share = np.where(count >= 30, shown / np.maximum(count, 1), np.nan)
+    told = np.flatnonzero(~np.isnan(share))
+    gone = [k for k in told if (share[told[told >= k]] < GONE).all()]
+    return float(HANGS_BELOW_M - STEP_M * gone[0]) if gone else None
+
+
+FILLINGS = 2
+"""How often what is still uncovered gets strands."""
+UNCOVERED, PER_CELL = 0.4, 14
+"""Share of a cell of the photo's hair below which it is uncovered, and strands that it then gets, of 10,000."""
+BENT = 2500
+"""Most strands out of which the nearest is taken."""
+FARTHEST_CELLS = 14.0
+"""Most by which a strand is bent to reach an uncovered cell: 55 mm."""
+OFF_M = (0.002, 0.008)
+"""Range of distances from the skin at which these lie where they cross the face."""
+
+
+def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) -> Groom:
+    """The groom with more strands through cells where the photo shows hair and it has none.
+
+    Each is the strand that is nearest in the picture, bent from its root on to pass through the cell: at the depth of
+    the skin where that lies behind, as a fringe on the forehead does, else at the strand's own.
+    """
+    lacking = np.argwhere((sight.hair > SURE) & (sight.known > SURE) & (sight.drawn(groom.strands).mask < UNCOVERED))
+    if not len(lacking) or not len(groom):
+        return groom
+    count = max(1, round(PER_CELL * len(groom) / 10_000))
+    cells = np.repeat(lacking[:, ::-1], count, 0) + rng.random((len(lacking) * count, 2))
+    strands, points = groom.strands, groom.strands.shape[1]
+    places = np.arange(points // 3, points, max(1, points // 10))
+    some = rng.permutation(len(strands))[:BENT]
+    at, depth = sight.project(strands[some][:, places])
+    apart, near = cKDTree(at.reshape(-1, 2)).query(cells)
+    reached = apart < FARTHEST_CELLS
+    cells, near = cells[reached], near[reached]
+    strand, place = some[near // len(places)], places[near % len(places)]
+    own = depth.reshape(-1)[near]
+    column, row = np.clip(cells.astype(int), 0, CELLS - 1).T
+    face = sight.behind[row, column]
+    wanted = np.where(np.isfinite(face), face - rng.uniform(*OFF_M, len(cells)), own)
+    # The cell's ray, at this depth, in the head's frame.
+    camera = sight.camera
+    pixel = sight.region.to_photo(cells, CELLS)
+    ray = np.concatenate([(pixel - camera.principal_point) / camera.focal_px, np.ones((len(cells), 1))], 1)
+    target = (ray * wanted[:, None] - camera.translation) @ camera.rotation
+    shift = target - strands[strand, place]
+    share = np.clip(np.arange(points)[None] / np.maximum(place, 1)[:, None], 0, 1)
+    bent = strands[strand] + (share**1.5)[..., None] * shift[:, None]
+    # It ends a little beyond the cell: the rest of a tail, say, would hang anywhere.
+    ends = np.clip(place / (points - 1) * rng.uniform(1.0, 1.2, len(place)), 0, 1).astype(np.float32)
+    bent = resampled(bent.astype(np.float32), ends, points)
+    bent = np.concatenate([bent[:, :1], skin.pushed(bent[:, 1:], 0.0015, 0.02)], 1)
+    return groom.joined(bent, groom.root_uv[strand], strand)
+
+
+SEEN_M = 0.015
+"""Depth below the outermost strand of a cell down to which strands are seen."""
+
+
+def seen_share(strands: Float32, sight: Sight) -> Float32:
+    """(N,) share of the points of each strand that the photo shows: those nearest to the camera, on its hair."""
+    if not len(strands):
+        return np.zeros(0, np.float32)
+    at, depth = sight.project(strands)
+    (rows, columns), before = sight.visible(at, depth)
+    nearest = np.full(CELLS * CELLS, np.inf, np.float32)
+    flat = rows * CELLS + columns
+    np.minimum.at(nearest, flat[before], depth[before])
+    shown = before & (depth < nearest[flat] + SEEN_M) & (sight.hair[rows, columns] > 0.5)
+    return np.asarray(shown.mean(1), np.float32)
+
+
+def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> tuple[Groom, Float32]:
+    """Strands of a style as the photo shows them, and the share of each that it does.
+
+    Args:
+        style: as :func:`refined` gives it.
+        sight: the photo.
+        skin: of the fitted head.
+        seed: of all that is random.
+        strands: of a full head.
+    """
+    rng = np.random.default_rng([seed, 0xC07])
+    # What thins hair is told by temples and crown; a photo does not show how densely the rest grows.
+    style = dataclasses.replace(style, density=1.0)
+    groom = to_hairline(make_groom(style, seed, strands, skin, photo_combing(sight)), sight, skin, rng)
+    moved = groom.strands
+    for _ in range(2):
+        moved = to_outline(moved, sight, skin)
+    moved = like_neighbours(moved, *trimmed(moved, sight, rng), sight)
+    groom = groom.chosen(moved, np.arange(len(moved)))
+    for _ in range(FILLINGS):
+        groom = filled(groom, sight, skin, rng)
+    moved = groom.strands
+    moved, kept = trimmed(moved, sight, rng)
+    kept |= ~bare_rooted(moved, sight)
+    moved = np.concatenate([moved[:, :1], skin.pushed(moved[:, 1:], 0.001, 0.01)], 1)
+    groom = groom.chosen(moved[kept], kept)
+    return groom, seen_share(groom.strands, sight)
