@@ -54,8 +54,8 @@ def posed(armature: Any, weights: dict[str, float]) -> None:
     bpy.context.view_layer.update()
 
 
-def border_mm() -> float:
-    """Largest distance of the skin's open border, subdivided twice, from what it was before."""
+def border_mm() -> float | None:
+    """Largest distance of the skin's open border, subdivided twice, from what it was before; None without a border."""
     skin = bpy.data.objects["skin"]
     smooth = next(one for one in skin.modifiers if one.type == "SUBSURF")
     was, smooth.levels = smooth.levels, 2
@@ -70,6 +70,8 @@ def border_mm() -> float:
     smooth.show_viewport = False
     coarse, edges = border()
     smooth.show_viewport, smooth.levels = True, was
+    if not len(edges):
+        return None
     points, (a, b) = fine[np.unique(own)], (coarse[edges[:, k]] for k in (0, 1))
     along = np.einsum("pei,ei->pe", points[:, None] - a, b - a) / np.maximum(np.square(b - a).sum(1), 1e-18)
     nearest = a + np.clip(along, 0, 1)[..., None] * (b - a)

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from service.archive.pack import write_archive
+from service.head.files import triangle_fields
 from service.kits.blender import blender
 from service.kits.export import export_kit
 from service.reflectance.reflectance_maps import Wrinkle
@@ -51,7 +52,12 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = avatar.reflectance
     assert made is not None and made.specular_normal is not None
     folded = Wrinkle("mouth", {"jawOpen": 0.5}, made.specular_normal)
-    write_archive(replace(avatar, reflectance=replace(made, wrinkles=(folded,))), path)
+    # With a hole in the skin, which is open at the neck of a real head.
+    head = avatar.head
+    kept = np.arange(len(head.polygons)) != len(head.polygons[head.polygon_part == 0]) // 2
+    fields = {name: getattr(head, name)[kept] for name in ("polygons", "polygon_uv", "polygon_part")}
+    open_head = replace(head, **fields, **triangle_fields(*fields.values()))
+    write_archive(replace(avatar, head=open_head, reflectance=replace(made, wrinkles=(folded,))), path)
     return path
 
 
