@@ -128,7 +128,7 @@ def main(
         largest = max(largest_mm2(mask, pixel) for mask in open_.values())
         top = cameras["above"].project(CROWN[None])[0]
         blank, place = np.zeros((SIZE, SIZE), np.uint8), (round(top[0]), round(top[1]))
-        near = cv2.circle(blank, place, round(CROWN_MM / pixel), 1, -1)
+        near = np.asarray(cv2.circle(blank, place, round(CROWN_MM / pixel), 1, -1), np.uint8)
         crown = float((open_["above"] & near).sum()) * pixel * pixel
         cards = next(part for part in parts if part.name == HAIR)
         size = sum(len(encode_png(one.pixels, srgb=False, level=7)) for one in cards.own_maps)

@@ -295,6 +295,7 @@ def _paint_cap(pixels: UInt8, cells: Cells, colour: Float32, rng: np.random.Gene
     share = np.clip(np.linspace(1, 0, bottom - top), 0, 1)[:, None] ** 1.4
     grain = cv2.GaussianBlur(rng.random((bottom - top, right - left)).astype(np.float32), (3, 3), 0.8)
     grain = (grain - grain.mean()) / max(float(grain.std()), 1e-6)
-    alpha = np.clip(share * (0.9 + 0.25 * grain) - 0.04, 0, 1)
+    # Where hair is full nothing shows between roots: all of it reads one row of the cell.
+    alpha = np.clip(0.96 * share + 0.5 * grain * share * (1 - share), 0, 1)
     pixels[top:bottom, left:right, :3] = np.rint(255 * np.clip(0.8 * colour, 0, 1)).astype(np.uint8)
     pixels[top:bottom, left:right, 3] = np.rint(255 * alpha).astype(np.uint8)

@@ -83,6 +83,14 @@ def test_keeps_the_colour_of_the_strands(made: tuple[Groom, tuple[MeshPart, ...]
     assert np.allclose(np.sqrt(shown), np.sqrt(groom.colour.linear(8).mean((0, 1))), atol=0.05)
 
 
+def test_the_cap_is_closed_where_hair_is_full(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
+    alpha = atlas(made[1])[..., 3]
+    low, high = cell_corners(Cells.layout().cap)
+    columns = slice(int(low[0] * len(alpha)) + 1, int(high[0] * len(alpha)))
+    assert alpha[round((1 - float(high[1])) * len(alpha)), columns].min() > 220
+    assert alpha[round((1 - float(low[1])) * len(alpha)) - 1, columns].max() < 20
+
+
 def test_transparent_texels_have_the_colour_of_hair(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
     # Else mip levels and bilinear samples get a dark rim.
     pixels = atlas(made[1]).astype(int)
