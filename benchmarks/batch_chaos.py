@@ -64,13 +64,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--pause", type=float, default=3.0, help="seconds between two kills, on average")
     parser.add_argument("--real", action="store_true", help="real drafts in place of toy photos")
     parser.add_argument("--from", dest="folder", type=Path, help="folder of photos for --real")
+    parser.add_argument("--alone", type=Path, help="folder that keeps what is made alone, for the next run")
     parser.add_argument("--memory", action="store_true", help="measure the driver's memory instead")
     asked = parser.parse_args(arguments)
     if asked.memory:
         memory()
         return
     with tempfile.TemporaryDirectory(prefix="batch-chaos-") as folder:
-        found = run(Path(folder), asked.photos, asked.kills, asked.pause, _photos(asked) if asked.real else None)
+        real, alone = _photos(asked) if asked.real else None, asked.alone or Path(folder)
+        found = run(Path(folder), asked.photos, asked.kills, asked.pause, real, alone)
     print(json.dumps(found, indent=1))
     raise SystemExit(0 if found["well"] else 1)
 
@@ -95,7 +97,9 @@ def _photos(asked: argparse.Namespace) -> list[Path]:
     return [SAMPLE, *found][:4]
 
 
-def run(folder: Path, count: int, kills: int, pause: float, real: list[Path] | None) -> dict[str, Any]:
+def run(
+    folder: Path, count: int, kills: int, pause: float, real: list[Path] | None, alone: Path
+) -> dict[str, Any]:
     """One batch with its faults; what was found.
 
     Args:
@@ -104,6 +108,7 @@ def run(folder: Path, count: int, kills: int, pause: float, real: list[Path] | N
         kills: how many workers to kill.
         pause: mean seconds between two.
         real: photos of which drafts are made, each several times; None for toy photos.
+        alone: folder for the archives of an undisturbed run.
     """
     port = free_port()
     os.environ |= {
@@ -133,7 +138,7 @@ def run(folder: Path, count: int, kills: int, pause: float, real: list[Path] | N
         done = _disturb(workers, postgres, kills, pause, driver)
         peak = _wait(driver, workers)
         seconds = time.monotonic() - begin
-        found = _check(bucket, contents, None if real is None else _undisturbed(folder, real))
+        found = _check(bucket, contents, None if real is None else _undisturbed(alone, real))
         told = json.loads((folder / "driver").read_text() or "{}")
         return {**found, "seconds": round(seconds), "faults": done, "driver": {"peak_mb": peak, **told}}
     finally:
@@ -202,11 +207,13 @@ def _wait(driver: subprocess.Popen[bytes], workers: Workers) -> int:
 
 
 def _undisturbed(folder: Path, real: list[Path]) -> dict[bytes, str]:
-    """Photo -> sha256 of its archive, made alone."""
+    """Photo -> sha256 of its archive, made alone; archives that are in the folder already are taken as they are."""
     made = {}
     for photo in real:
-        target = folder / "alone.zip"
-        subprocess.run([sys.executable, "-m", "service", "make", str(photo), "-o", str(target), *DRAFT], check=True)
+        target = folder / f"{hashlib.sha256(photo.read_bytes()).hexdigest()}.zip"
+        command = [sys.executable, "-m", "service", "make", str(photo), "-o", str(target), *DRAFT]
+        if not target.exists():
+            subprocess.run(command, check=True)
         made[photo.read_bytes()] = _members(target.read_bytes())
     return made
 
