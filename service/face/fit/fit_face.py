@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from service.arrays import Float32
+from service.arrays import Float32, Float64
 from service.errors import FitFailed
 from service.face.face import Face
 from service.face.features.eye_colours import eye_colours
@@ -28,6 +28,7 @@ from service.face.reading.openings import with_openings
 from service.face.reading.reader import Reading
 from service.face.reading.scores import Scores
 from service.face.view import View
+from service.geometry.camera import Camera
 from service.head.eyeball import inter_ocular_m
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
@@ -197,6 +198,18 @@ def _results(
     ]
 
 
+def as_seen_side(head: HeadModel, expression: Float64, camera: Camera) -> Float64:
+    """(E,) the expression; in a profile the hidden half does what the seen half does, as nothing is known of it."""
+    if abs(camera.yaw_pitch_roll_deg()[0]) < WIDE_YAW_DEG:
+        return expression
+    hidden, seen = ("Left", "Right") if camera.rotation[2, 0] > 0 else ("Right", "Left")
+    out, place = expression.copy(), {name: k for k, name in enumerate(head.expression_names)}
+    for name, index in place.items():
+        if name.endswith(hidden) and not name.startswith("eyeLook"):
+            out[index] = out[place.get(name.removesuffix(hidden) + seen, index)]
+    return out
+
+
 def _result(index: int, view: View, head: HeadModel, neutral: Float32, found: LandmarkFit, seen: SeenRims) -> Fit:
     face, photo, basis, weight = view.face, view.photo, found.basis, found.weight
     camera, rims, expression = seen.camera, seen.landmarks, seen.expression
@@ -215,6 +228,7 @@ def _result(index: int, view: View, head: HeadModel, neutral: Float32, found: La
     tooth = None if skin is None else measure_teeth(photo.pixels, mouth_rim, skin)
     teeth_seen = skin is None or tooth is not None
     expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen, exact="mouth" in seen.exact)
+    expression = as_seen_side(head, expression, camera)
     vertices = head.expressed(neutral, expression)
     if skin is not None and (teeth := part_vertices(head, UPPER_ROW)).size:
         drop = teeth_drop(photo.pixels, vertices[teeth], camera, mouth_rim, skin)

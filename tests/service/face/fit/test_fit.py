@@ -9,7 +9,7 @@ from service.colour import linear_to_srgb, to_bytes
 from service.errors import FitFailed, UsageError
 from service.face.face import Face
 from service.face.fit.basis import LandmarkModel
-from service.face.fit.fit_face import fit_face
+from service.face.fit.fit_face import as_seen_side, fit_face
 from service.face.fit.settings import FitSettings
 from service.geometry.camera import Camera, exp_rotation
 from service.geometry.normals import vertex_normals
@@ -142,6 +142,17 @@ def test_yaw_75_is_said_to_be_extreme(head: HeadModel) -> None:
     face, photo, _, _ = make(head, yaw=76)
     fit = fit_face(face, photo, head)
     assert "extreme-pose" in fit.warnings and np.isfinite(fit.vertices).all()
+
+
+def test_the_hidden_half_of_a_profile_does_what_the_seen_half_does(head: HeadModel) -> None:
+    """The landmark network guesses its eye, often shut: a profile would wink. On other faces both halves are told."""
+    shut = np.array([float(name == "eyeBlinkLeft") for name in head.expression_names])
+    left, right = (head.expression_names.index(f"eyeBlink{side}") for side in ("Left", "Right"))
+    _, _, profile, _ = make(head, yaw=80)
+    hides_left = profile.rotation[2, 0] > 0
+    out = as_seen_side(head, shut, profile)
+    assert out[left] == out[right] == (0.0 if hides_left else 1.0)
+    assert as_seen_side(head, shut, make(head, yaw=30)[2]) is shut
 
 
 def test_a_wide_open_mouth_is_expression_not_identity(head: HeadModel) -> None:
