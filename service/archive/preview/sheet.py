@@ -177,7 +177,8 @@ def sheet(avatar: Avatar) -> Image:
     high = (3 if in_lamps else 2) * view_high + -(-len(maps) // _MAPS_A_ROW) * maps_high
     page = blank(_WIDTH, _TITLE + high + _MARGIN)
     write_text(page, "Avatar", _MARGIN, 40, 26, INK, bold=True)
-    origin = "no photo" if avatar.given else "one photo"
+    count = len(avatar.sources)
+    origin = "no photo" if avatar.given else f"{count} photos" if count > 1 else "one photo"
     write_text(page, f"{avatar.head.name} · {len(avatar.head.mean)} vertices · {origin}", _MARGIN + 104, 40, 15, GREY)
     y = _TITLE
     columns = list(_columns(TILE[0]))
