@@ -55,8 +55,9 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # With a hole in the skin, which is open at the neck of a real head.
     head = avatar.head
     kept = np.arange(len(head.polygons)) != len(head.polygons[head.polygon_part == 0]) // 2
-    fields = {name: getattr(head, name)[kept] for name in ("polygons", "polygon_uv", "polygon_part")}
-    open_head = replace(head, **fields, **triangle_fields(*fields.values()))
+    rows = {name: getattr(head, name)[kept] for name in ("polygons", "polygon_uv", "polygon_part")}
+    fields: dict[str, Any] = rows | triangle_fields(*rows.values())
+    open_head = replace(head, **fields)
     write_archive(replace(avatar, head=open_head, reflectance=replace(made, wrinkles=(folded,))), path)
     return path
 

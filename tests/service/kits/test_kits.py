@@ -115,13 +115,13 @@ def test_reduced_cards_keep_the_normals_of_the_body_that_they_make_up() -> None:
     points = np.stack([columns.ravel(), rows.ravel(), 0 * rows.ravel()], 1).astype(np.float32) * np.float32(0.01)
     corner = (rows[:-1, :-1] * 12 + columns[:-1, :-1]).ravel()
     faces = np.stack([corner, corner + 1, corner + 13, corner + 12], 1).astype(np.int32)
-    away = points + np.float32([0, 0, 0.1])
+    away = points + np.array([0, 0, 0.1], np.float32)
     normals = away / np.linalg.norm(away, axis=1, keepdims=True)
     uv = (points[:, :2] / np.float32(0.11)).astype(np.float32)
     cards = toy_part(vertices=points, neutral=points, faces=faces, uv=uv, targets={}, normals=normals)
     (few,) = reduced(cards, [0.4])
     assert few.normals is not None and len(few.normals) == len(few.neutral) < len(points)
-    away = few.neutral + np.float32([0, 0, 0.1])
+    away = few.neutral + np.array([0, 0, 0.1], np.float32)
     np.testing.assert_allclose(few.normals, away / np.linalg.norm(away, axis=1, keepdims=True), atol=1e-5)
 
 
