@@ -118,7 +118,7 @@ def test_reduced_cards_keep_the_normals_of_the_body_that_they_make_up() -> None:
     away = points + np.array([0, 0, 0.1], np.float32)
     normals = away / np.linalg.norm(away, axis=1, keepdims=True)
     uv = (points[:, :2] / np.float32(0.11)).astype(np.float32)
-    cards = toy_part(vertices=points, neutral=points, faces=faces, uv=uv, targets={}, normals=normals)
+    cards = toy_part(vertices=points, neutral=points, faces=faces, uv=uv, uv_faces=faces, targets={}, normals=normals)
     (few,) = reduced(cards, [0.4])
     assert few.normals is not None and len(few.normals) == len(few.neutral) < len(points)
     away = few.neutral + np.array([0, 0, 0.1], np.float32)
