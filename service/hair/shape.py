@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial import cKDTree
 
 from service.arrays import Bool, Float32, Float64
@@ -281,6 +282,8 @@ BENT = 2500
 """Most strands out of which the nearest is taken."""
 FARTHEST_CELLS = 14.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm."""
+STEEP_M = 0.015
+"""Range of the skin's depth in a cell and its neighbours from which on it is steep."""
 OFF_M = (0.002, 0.008)
 """Range of distances from the skin at which these lie where they cross the face."""
 
@@ -291,7 +294,11 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     Each is the strand that is nearest in the picture, bent from its root on to pass through the cell: at the depth of
     the skin where that lies behind, as a fringe on the forehead does, else at the strand's own.
     """
-    lacking = np.argwhere((sight.hair > SURE) & (sight.known > SURE) & (sight.drawn(groom.strands).mask < UNCOVERED))
+    solid = np.where(np.isfinite(sight.behind), sight.behind, np.float32(9.0))
+    # Where the skin turns away from the camera, a cell does not tell how deep its hair lies.
+    steep = (solid < 9.0) & (maximum_filter(solid, 3) - minimum_filter(solid, 3) > STEEP_M)
+    uncovered = sight.drawn(groom.strands).mask < UNCOVERED
+    lacking = np.argwhere((sight.hair > SURE) & (sight.known > SURE) & uncovered & ~steep)
     if not len(lacking) or not len(groom):
         return groom
     count = max(1, round(PER_CELL * len(groom) / 10_000))
