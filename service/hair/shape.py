@@ -326,7 +326,7 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     # It ends a little beyond the cell: the rest of a tail, say, would hang anywhere.
     ends = np.clip(place / (points - 1) * rng.uniform(1.0, 1.2, len(place)), 0, 1).astype(np.float32)
     bent = resampled(bent.astype(np.float32), ends, points)
-    bent = np.concatenate([bent[:, :1], skin.pushed(bent[:, 1:], 0.0015, 0.02)], 1)
+    bent = np.concatenate([bent[:, :1], skin.pushed(bent[:, 1:], 0.0015)], 1)
     return groom.joined(bent, groom.root_uv[strand], strand)
 
 
