@@ -92,7 +92,7 @@ def test_captures_without_a_whole_chart_are_for_patches_alone(data: Path, tmp_pa
 
 def test_a_factory_that_is_to_draw_nothing_says_so(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="nothing to draw"):
-        draw_captures(tmp_path, whole_only=True, patches_only=True)
+        draw_captures(str(tmp_path), whole_only=True, patches_only=True)
 
 
 def test_light_out_and_in_again() -> None:
