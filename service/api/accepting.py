@@ -114,7 +114,7 @@ def _of_each(upload: Upload, work: Callable[[bytes], T]) -> list[T]:
     """
     photos, results = unbundled(upload.path.read_bytes()), []
     for number, photo in enumerate(photos):
-        if is_video(photo):
+        if number == upload.video and is_video(photo):
             continue
         try:
             results.append(work(photo))

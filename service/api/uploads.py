@@ -61,6 +61,7 @@ class Upload:
         sha256: hex digest of the file.
         size: bytes of the file.
         sizes: of each photo.
+        video: which of them came as the part ``video``; -1 for none.
         options: what to make.
         keep_photo, metadata, priority, webhook_url: the parts of these names; without one, what is here.
     """
@@ -70,6 +71,7 @@ class Upload:
     sha256: str = ""
     size: int = 0
     sizes: list[int] = field(default_factory=list)
+    video: int = -1
     options: Options = field(default_factory=Options)
     keep_photo: bool = False
     metadata: dict[str, Any] = field(default_factory=dict)
@@ -243,6 +245,8 @@ class Multipart(Body):
         if known and name in self._names and name != "image":
             raise ProblemError("too-many-parts", 400)
         if name in FILES:
+            if name == "video":
+                self.upload.video = len(self.upload.sizes)
             self.upload.sizes.append(0)
             self.most = self.upload.max_bytes * (MOST_TOGETHER if name == "video" else 1)
         if not known:
