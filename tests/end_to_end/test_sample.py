@@ -93,9 +93,9 @@ def test_the_camera_puts_the_head_where_the_face_is(sample: Sample, plain: Avata
 
 
 def test_what_it_costs(sample: Sample) -> None:
-    """One gigabyte, and five seconds on two cores: ten of processor time, which other programs hardly change."""
-    assert sample.run.rss_mb < 1000, str(sample.run)
-    assert sample.run.cpu_s < 10, str(sample.run)
+    """Memory, and processor time, which other programs hardly change. Hair of strands takes a third of either."""
+    assert sample.run.rss_mb < 1250, str(sample.run)
+    assert sample.run.cpu_s < 15, str(sample.run)
 
 
 def test_a_turn_in_the_exif_data_changes_nothing_and_goes_no_further(

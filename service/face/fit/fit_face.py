@@ -213,7 +213,7 @@ def as_seen_side(head: HeadModel, expression: Float64, camera: Camera) -> Float6
 def _result(index: int, view: View, head: HeadModel, neutral: Float32, found: LandmarkFit, seen: SeenRims) -> Fit:
     face, photo, basis, weight = view.face, view.photo, found.basis, found.weight
     camera, rims, expression = seen.camera, seen.landmarks, seen.expression
-    identity = found.state.coefficients[: -len(expression)]
+    identity = found.state.coefficients[: len(found.state.coefficients) - len(expression)]
     neutral = neutral.copy()
     gaze = find_gaze(photo.pixels, rims, head, neutral, camera)
     if gaze is not None:
