@@ -4,12 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, Float64
+from service.arrays import AnyFloat, Bool, Float32, Float64
 
 
 def geman_mcclure(residual: Float64, scale: Float64 | float) -> Float64:
     """Weights in (0, 1] of residuals, any shape: 1 at 0, 1/4 at ``scale`` > 0 (Geman and McClure 1987)."""
     return np.asarray((1.0 + (residual / scale) ** 2) ** -2)
+
+
+def agreement(values: Float32, weights: Float32, shown: Bool, scale: float) -> Float32:
+    """(K, ...) in (0, 1] how near each of K witnesses is to the middle of them; 1 where fewer than three are shown.
+
+    Args:
+        values: (K, ...) what each says.
+        weights: (K, ...) at least 0, of the weighted median.
+        shown: (K, ...) who says anything.
+        scale: distance from the median at which a witness counts a quarter.
+    """
+    order = np.argsort(values, axis=0)
+    ordered, share = np.take_along_axis(values, order, 0), np.take_along_axis(weights, order, 0)
+    half = np.cumsum(share, 0) >= 0.5 * share.sum(0)
+    middle = np.take_along_axis(ordered, half.argmax(0)[None], 0)
+    near = geman_mcclure((values - middle).astype(np.float64), scale)
+    return np.asarray(np.where(shown.sum(0) >= 3, near, 1.0), np.float32)
 
 
 def smoothstep(value: AnyFloat, low: float, high: float) -> Float32:

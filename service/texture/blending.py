@@ -26,7 +26,7 @@ from service.geometry.normals import vertex_normals
 from service.head.regions import vertex_mask
 from service.image_filters import blurred
 from service.light.harmonics import LUMINANCE, sh_basis
-from service.robust import geman_mcclure, smoothstep
+from service.robust import agreement, smoothstep
 from service.texture.segmentation import Segmentation, Zones
 from service.texture.unwrap import Unwrapped
 
@@ -108,7 +108,7 @@ def blend(chart: Chart, layers: Sequence[Layer], fits: Sequence[Fit], zones: Zon
     weights[0] *= 1 + (OWN_FEATURES - 1) * features
     gains = _gains(chart, layers, fits, logs, weights, zones)
     lit = np.stack([one + gain for one, gain in zip(logs, gains, strict=True)])
-    weights *= _agreement(lit, weights)
+    weights *= agreement(np.asarray(lit @ LUMA, np.float32), weights, weights > 0.02, ASTRAY)
     total = weights.sum(0)
     shares = np.asarray(weights / np.maximum(total, 1e-9), np.float32)
     colour = linear_to_srgb(np.exp(_in_octaves(chart, lit, weights)))
@@ -187,17 +187,6 @@ def _log_shade(fit: Fit, triangles: np.ndarray) -> Float64:
         return np.zeros((len(fit.vertices), 1))
     normals = vertex_normals(fit.vertices, triangles).astype(np.float64) @ fit.camera.rotation.T
     return np.asarray(np.log(np.maximum(sh_basis(normals) @ fit.light @ LUMINANCE, SHADE)))[:, None]
-
-
-def _agreement(lit: Float32, weights: Float32) -> Float32:
-    """(K, N) in (0, 1] how far each photo agrees with most others; 1 where fewer than three show a texel."""
-    grey = np.asarray(lit @ LUMA, np.float32)
-    order = np.argsort(grey, axis=0)
-    sorted_grey, sorted_weight = np.take_along_axis(grey, order, 0), np.take_along_axis(weights, order, 0)
-    half = np.cumsum(sorted_weight, 0) >= 0.5 * sorted_weight.sum(0)
-    middle = np.take_along_axis(sorted_grey, half.argmax(0)[None], 0)
-    say = geman_mcclure((grey - middle).astype(np.float64), ASTRAY)
-    return np.asarray(np.where((weights > 0.02).sum(0) >= 3, say, 1.0), np.float32)
 
 
 def _in_octaves(chart: Chart, lit: Float32, weights: Float32) -> Float32:

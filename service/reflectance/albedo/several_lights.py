@@ -18,7 +18,7 @@ from service.colour import LUMA
 from service.image_filters import blurred, shrunk
 from service.reflectance.albedo.light_corrections import ChartLight
 from service.reflectance.planes import Planes
-from service.robust import geman_mcclure, smoothstep
+from service.robust import agreement, smoothstep
 from service.runtime.network_registry import EYES, LIT, TEXTURE
 from service.texture.texture_maps import PhotoTexture
 
@@ -75,7 +75,7 @@ def agreed_light(
         return blended
     offset: Float32 = np.zeros((len(photos), 3), np.float32)
     for _ in range(ROUNDS):
-        trust = weight * _agreement(albedo + offset[..., None, None], weight)
+        trust = weight * _agreed(albedo + offset[..., None, None], weight)
         for one in range(len(photos)):
             rest = trust.copy()
             rest[one] = 0
@@ -86,7 +86,7 @@ def agreed_light(
                 offset[one] = (shared * (mean - albedo[one])).sum((1, 2)) / shared.sum()
     offset -= (level[:, None] * offset).sum(0) / level.sum()
     said = albedo + offset[..., None, None]
-    trust = weight * _agreement(said, weight)
+    trust = weight * _agreed(said, weight)
     mean = (trust[:, None] * said).sum(0) / np.maximum(trust.sum(0), np.float32(1e-6))
     light = np.log(np.maximum(blended.texture, np.float32(DARKEST))) - mean
     told = np.asarray(smoothstep(np.stack(levels).sum(0), *KNOWN) * (blended.lit > 0), np.float32)
@@ -95,12 +95,6 @@ def agreed_light(
     return replace(blended, light=np.asarray(blended.light + told * (smooth - blended.light), np.float32))
 
 
-def _agreement(said: Float32, weight: Float32) -> Float32:
-    """(K, h, w) in (0, 1] how near each photo's albedo is to the middle of those who show a texel."""
-    grey = np.tensordot(said, LUMA, ((1,), (0,)))
-    order = np.argsort(grey, axis=0)
-    ordered, share = np.take_along_axis(grey, order, 0), np.take_along_axis(weight, order, 0)
-    half = np.cumsum(share, 0) >= 0.5 * share.sum(0)
-    middle = np.take_along_axis(ordered, half.argmax(0)[None], 0)
-    say = geman_mcclure((grey - middle).astype(np.float64), ASTRAY)
-    return np.asarray(np.where((weight > 0).sum(0) >= 3, say, 1.0), np.float32)
+def _agreed(said: Float32, weight: Float32) -> Float32:
+    """(K, h, w) in (0, 1] how near each photo's albedo (K, 3, h, w), in logarithms, is to the middle of all."""
+    return agreement(np.tensordot(said, LUMA, ((1,), (0,))), weight, weight > 0, ASTRAY)
