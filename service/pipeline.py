@@ -43,7 +43,7 @@ from service.face.reading.read import Readers
 from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all
 from service.geometry.chart import Chart
 from service.hair.find_hair import find_hair
-from service.hair.scalp import Scalp
+from service.hair.reading import HairNetwork
 from service.hair.wear import hair_cards, hair_in_albedo
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -144,10 +144,13 @@ def make_avatar(
                 fit = with_mouth_shut(head, fit)
         with stage("hair"):
             count = options.level.strands
-            hair = kept("hair", lambda: find_hair(photo, head, fit, reading, options.asked_hair(), count, options.seed))
+            wanted_hair = options.asked_hair()
+            hair = kept(
+                "hair", lambda: find_hair(photo, head, fit, reading, wanted_hair, count, options.seed, networks.hair())
+            )
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
         with stage("texture"):
-            cards = pool.submit(lambda: hair_cards(hair, Scalp.of(head, fit.neutral), options.quality, options.seed))
+            cards = pool.submit(lambda: hair_cards(hair, head, fit.neutral, options.quality, options.seed))
             texture = kept("texture", lambda: make_texture(photo, head, fit, chart, reading, hair, gathered.others))
             if options.eye_colour != "auto":
                 texture = replace(texture, iris=NAMED_IRISES[options.eye_colour])
@@ -221,7 +224,7 @@ class _FaceNetworks:
     def __init__(self, pool: ThreadPoolExecutor, reads: bool) -> None:
         """``reads`` says whether faces are to be read."""
         self.reads = reads
-        kinds: list[Callable[[], Any]] = [FaceFinder, Recogniser, *([Readers] if reads else [])]
+        kinds: list[Callable[[], Any]] = [FaceFinder, Recogniser, *([Readers, HairNetwork] if reads else [])]
         self._loads: list[Future[Any]] = [pool.submit(kind) for kind in kinds]
 
     def finder(self) -> FaceFinder:
@@ -235,6 +238,10 @@ class _FaceNetworks:
     def readers(self) -> Readers:
         """Read a face, where that was asked for."""
         return cast(Readers, self._loads[2].result())
+
+    def hair(self) -> HairNetwork | None:
+        """Reads hair, where faces are read; None where they are not."""
+        return cast(HairNetwork, self._loads[3].result()) if self.reads else None
 
     def drop(self) -> None:
         """Let go of them."""

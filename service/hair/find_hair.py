@@ -21,7 +21,7 @@ from service.hair.bank import kind_of, match, read_bank
 from service.hair.colour import HairColour, asked_colour
 from service.hair.groom import Groom, make_groom
 from service.hair.paint import painted
-from service.hair.reading import read_hair
+from service.hair.reading import HairNetwork, read_hair
 from service.hair.refine import refined, tried
 from service.hair.scalp import Scalp
 from service.hair.shape import fitted, seen_share, thickness_m
@@ -49,8 +49,9 @@ CANDIDATES = 6
 
 
 def find_hair(
-    photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, asked: AskedHair, strands: int, seed: int
-) -> WornHair:
+    photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, asked: AskedHair, strands: int, seed: int,
+    network: HairNetwork | None = None,
+) -> WornHair:  # fmt: skip
     """Hair of the person in a photo.
 
     Args:
@@ -61,6 +62,7 @@ def find_hair(
         asked: the options.
         strands: of a full head.
         seed: of all that is random.
+        network: that reads hair; None for the shipped one.
     """
     style_name = asked.style if isinstance(asked.style, str) else "custom"
     if asked.style == NONE or "scalp" not in head.region_names:
@@ -70,7 +72,7 @@ def find_hair(
         )  # fmt: skip
     skin = Scalp.of(head, fit.neutral)
     person = USUAL_SKIN if fit.cheek is None else np.asarray(srgb_to_linear(fit.cheek), np.float32)
-    read = None if reading is None else read_hair(photo.pixels, reading)
+    read = None if reading is None else read_hair(photo.pixels, reading, network)
     if read is None:
         style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
         groom = make_groom(style, seed, strands, skin)

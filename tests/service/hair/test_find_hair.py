@@ -24,6 +24,7 @@ from service.hair.scalp import Scalp
 from service.hair.shape import filled, fitted, seen_share, thickness_m, trimmed
 from service.hair.sight import overlap
 from service.hair.style import NAMED, style_from_json, style_to_json
+from service.hair.wear import hair_cards
 from service.head.files import load_head
 from service.options import Options
 from service.photo.photo import Photo
@@ -162,6 +163,16 @@ def test_a_style_that_is_asked_for_is_worn(name: str) -> None:
     assert luma(np.median(found.groom.colour.linear().reshape(-1, 3), 0)) > 0.1
     bald = find_hair(photo, HEAD, fit, None, AskedHair("none"), 200, 0)
     assert bald.groom is None and bald.bald_beneath and bald.kind == "none"
+
+
+def test_a_head_without_a_scalp_wears_nothing_and_says_so() -> None:
+    """A head model of one's own need not tell where hair grows; its cards were asked for a region that it lacks."""
+    names = tuple("unknown" if name == "scalp" else name for name in HEAD.region_names)
+    bare = dataclasses.replace(HEAD, region_names=names)
+    fit = fit_of(HEAD.mean, photographed(NAMED["crop"], 1, HEAD, strands=50).fit.camera)
+    found = find_hair(picture_of(np.full(3, 0.2)), bare, fit, None, AskedHair(), 200, 0)
+    assert found.groom is None and found.doubts == ("hair-not-for-this-head",)
+    assert hair_cards(found, bare, HEAD.mean, "draft", 0) == ()
 
 
 def test_styles_survive_json_and_names_are_those_of_the_styles() -> None:
