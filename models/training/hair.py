@@ -11,21 +11,18 @@ measurement on held-out people, whose grooms are never trained on.
 from __future__ import annotations
 
 import argparse
-import copy
-import json
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from models.networks.hair import COUNTS, HairReader, ReadHair
 from models.people.shards import UNKNOWN
 from models.training.hair_data import HairBatch, People, batch_of, draw, example, read_people
-from models.training.moving_average import follow
+from models.training.people_run import PeopleRun
 from models.training.reader import shards
 from models.training.restore import weights_of
 from service.errors import ModelFault
@@ -68,38 +65,22 @@ def losses(read: ReadHair, batch: HairBatch) -> dict[str, Tensor]:
     return {"mask": mask + 0.25 * overlap, "direction": direction, "kinds": kinds, "ends": ends}
 
 
-class Run:
-    """Network, moving average and optimiser of a run, and its checkpoint."""
+class Run(PeopleRun[HairReader]):
+    """A run of the hair reader."""
 
     def __init__(self, folder: Path, seed: int = 0) -> None:
         torch.manual_seed(seed)
-        self.folder = folder
-        self.network = HairReader()
-        self.step, self.seconds = 0, 0.0
+        network = HairReader()
         path = folder / "checkpoint.pt"
         if not path.is_file():
             found = weights_of(MODELS / "reader.onnx")
-            self.network.begin_with({name: found[name] for name in self.network.body.state_dict()})
-        self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
-        body = list(self.network.body.parameters())
-        own = [p for name, p in self.network.named_parameters() if not name.startswith("body.")]
-        self.optimiser = torch.optim.AdamW(
-            [{"params": body, "share": BODY_RATE}, {"params": own, "share": 1.0}], RATE, weight_decay=DECAY
-        )
+            network.begin_with({name: found[name] for name in network.body.state_dict()})
+        body = list(network.body.parameters())
+        own = [p for name, p in network.named_parameters() if not name.startswith("body.")]
+        groups = [{"params": body, "share": BODY_RATE}, {"params": own, "share": 1.0}]
+        super().__init__("hair", folder, network, torch.optim.AdamW(groups, RATE, weight_decay=DECAY))
         if path.is_file():
-            content = torch.load(path, map_location="cpu", weights_only=True)
-            for name in ("network", "average", "optimiser"):
-                getattr(self, name).load_state_dict(content[name])
-            self.step, self.seconds = content["step"], content["seconds"]
-
-    def save(self) -> None:
-        """Write the checkpoint, whole or not at all."""
-        part = self.folder / "checkpoint.part"
-        torch.save(
-            {"network": self.network.state_dict(), "average": self.average.state_dict(),
-             "optimiser": self.optimiser.state_dict(), "step": self.step, "seconds": self.seconds}, part,
-        )  # fmt: skip
-        part.replace(self.folder / "checkpoint.pt")
+            self.resume(torch.load(path, map_location="cpu", weights_only=True))
 
     def train_step(self, batch: HairBatch, left: float) -> dict[str, float]:
         """One step; ``left`` is the share of the run that remains.
@@ -107,20 +88,8 @@ class Run:
         Raises:
             ModelFault: the loss is not finite.
         """
-        rate = RATE * min((self.step + 1) / WARM_UP_STEPS, 1.0) * max(min(left / 0.5, 1.0), 0.02)
-        for group in self.optimiser.param_groups:
-            group["lr"] = rate * group["share"]
-        parts = losses(self.network.read(batch.image), batch)
-        total = torch.stack([WEIGHTS[name] * value for name, value in parts.items()]).sum()
-        if not torch.isfinite(total):
-            raise ModelFault(f"hair: the loss is {float(total)} at step {self.step}")
-        self.optimiser.zero_grad(set_to_none=True)
-        total.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
-        self.optimiser.step()
-        follow(self.average, self.network, self.step, 0.995)
-        self.step += 1
-        return {name: float(value.detach()) for name, value in parts.items()}
+        self.set_rate(RATE * min((self.step + 1) / WARM_UP_STEPS, 1.0) * max(min(left / 0.5, 1.0), 0.02))
+        return self.descend(losses(self.network.read(batch.image), batch), WEIGHTS, most=0.995)
 
 
 def measured(network: HairReader, apart: list[People], most: int) -> dict[str, float]:
@@ -181,12 +150,9 @@ def train(run: Run, data: Path, steps: int, sitting: float, batch: int, every: i
         run.seconds = before + time.monotonic() - begun
         if run.step % every == 0 or run.step >= steps:
             run.save()
-            line = {"step": run.step, "minutes": round(run.seconds / 60, 1), "shards": len(names),
-                    **{f"loss_{name}": round(value, 4) for name, value in sums.items()},
-                    **(measured(run.average, apart, most) if apart else {})}  # fmt: skip
-            with (run.folder / "log.jsonl").open("a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
-            sys.stderr.write(json.dumps(line) + "\n")
+            run.log({"step": run.step, "minutes": round(run.seconds / 60, 1), "shards": len(names),
+                     **{f"loss_{name}": round(value, 4) for name, value in sums.items()},
+                     **(measured(run.average, apart, most) if apart else {})})  # fmt: skip
     run.save()
 
 

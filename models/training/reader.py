@@ -12,19 +12,19 @@ from __future__ import annotations
 import argparse
 import copy
 import dataclasses
-import json
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from models.networks.reader import CHART_MM, PARTS, READER_SIZES, Read, Reader, ReaderSize, flops
-from models.training.moving_average import follow
+from models.training.people_run import PeopleRun
 from models.training.reader_data import Batch, Pool, augmented, batch_of, read_cells, shard_seed
 from models.training.restore import weights_of
 from service.errors import ModelFault
@@ -110,8 +110,8 @@ def measured_on(shards: list[Path], most: int) -> Iterator[Batch]:
             yield batch_of([(cells, int(i)) for i in index])
 
 
-class Run:
-    """Network, moving average and optimiser of a run, and its checkpoint.
+class Run(PeopleRun[Reader]):
+    """A run of the reader.
 
     Raises:
         ModelFault: the checkpoint's network is of another size.
@@ -119,20 +119,16 @@ class Run:
 
     def __init__(self, folder: Path, device: str, seed: int = 0, size: ReaderSize | None = None) -> None:
         torch.manual_seed(seed)
-        self.folder, self.device = folder, torch.device(device)
-        self.network = Reader(size).to(self.device)
-        self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
-        self.optimiser = torch.optim.AdamW(self.network.parameters(), RATE, weight_decay=DECAY)
+        self.device = torch.device(device)
+        network = Reader(size).to(self.device)
+        super().__init__("reader", folder, network, torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY))
         self.generator = torch.Generator().manual_seed(seed)
-        self.step, self.seconds = 0, 0.0
         path = folder / "checkpoint.pt"
         if path.is_file():
             content = torch.load(path, map_location=self.device, weights_only=True)
             if ReaderSize(**content["size"]) != self.network.size:
                 raise ModelFault(f"{path} is a run of {content['size']}, not of {self.network.size}: give its --size")
-            for name in ("network", "average", "optimiser"):
-                getattr(self, name).load_state_dict(content[name])
-            self.step, self.seconds = content["step"], content["seconds"]
+            self.resume(content)
             self.generator.set_state(content["random"].cpu())
 
     def take(self, path: Path) -> None:
@@ -149,16 +145,9 @@ class Run:
         for network in (self.network, self.average):
             network.load_state_dict({name: found[name] for name in state})
 
-    def save(self) -> None:
-        """Write the checkpoint, whole or not at all."""
-        content = {
-            "network": self.network.state_dict(), "average": self.average.state_dict(),
-            "optimiser": self.optimiser.state_dict(), "step": self.step, "seconds": self.seconds,
-            "random": self.generator.get_state(), "size": dataclasses.asdict(self.network.size),
-        }  # fmt: skip
-        part = self.folder / "checkpoint.part"
-        torch.save(content, part)
-        part.replace(self.folder / "checkpoint.pt")
+    def more(self) -> dict[str, Any]:
+        """State of the random numbers, and size of the network."""
+        return {"random": self.generator.get_state(), "size": dataclasses.asdict(self.network.size)}
 
     def train_step(self, batch: Batch, left: float, bf16: bool) -> dict[str, float]:
         """One step; ``left`` is the share of the run's time that remains.
@@ -166,23 +155,11 @@ class Run:
         Raises:
             ModelFault: the loss is not finite.
         """
-        rate = RATE * min((self.step + 1) / WARM_UP_STEPS, 1.0) * max(min(left / 0.4, 1.0), 0.02)
-        for group in self.optimiser.param_groups:
-            group["lr"] = rate
+        self.set_rate(RATE * min((self.step + 1) / WARM_UP_STEPS, 1.0) * max(min(left / 0.4, 1.0), 0.02))
         batch = batch.to(self.device)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=bf16):
             read = self.network.read(batch.image)
-        parts = losses(read, batch)
-        total = torch.stack([WEIGHTS[name] * value for name, value in parts.items()]).sum()
-        if not torch.isfinite(total):
-            raise ModelFault(f"reader: the loss is {float(total)} at step {self.step}")
-        self.optimiser.zero_grad(set_to_none=True)
-        total.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
-        self.optimiser.step()
-        follow(self.average, self.network, self.step)
-        self.step += 1
-        return {name: float(value.detach()) for name, value in parts.items()}
+        return self.descend(losses(read, batch), WEIGHTS)
 
     def measure(self, shards: list[Path], most: int) -> dict[str, float]:
         """The moving average on people that it has not seen."""
@@ -206,7 +183,6 @@ def train(
     """Train until the run has lasted ``minutes``, or for ``steps`` if given; measure every ``every`` minutes."""
     apart = shards(data, held_out=True)
     pool = Pool(lambda: shards(data, held_out=False), seed=run.step)
-    log = run.folder / "log.jsonl"
     begun, before, saved = time.monotonic(), run.seconds, run.seconds
     sums: dict[str, float] = {}
 
@@ -222,12 +198,9 @@ def train(
         run.seconds = before + time.monotonic() - begun
         if run.seconds - saved > 60.0 * every or done() >= 1.0:
             saved = run.seconds
-            line = {"step": run.step, "minutes": round(run.seconds / 60.0, 1),
-                    **{f"loss_{name}": round(value, 4) for name, value in sums.items()},
-                    **(run.measure(apart, most) if apart else {})}  # fmt: skip
-            with log.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
-            sys.stderr.write(json.dumps(line) + "\n")
+            run.log({"step": run.step, "minutes": round(run.seconds / 60.0, 1),
+                     **{f"loss_{name}": round(value, 4) for name, value in sums.items()},
+                     **(run.measure(apart, most) if apart else {})})  # fmt: skip
             run.save()
 
 
