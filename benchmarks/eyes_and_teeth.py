@@ -24,7 +24,7 @@ from service.archive.rendering import stored_meshes
 from service.arrays import AnyFloat
 from service.colour import LUMA, bytes_to_linear
 from service.geometry.camera import Camera
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 from service.geometry.raster import Raster, interpolate, rasterise
 from service.head.model import HeadModel
 from service.light.environment import radiance

@@ -27,15 +27,11 @@ import numpy as np
 
 from benchmarks.metrics import Score, Truth, score
 from service.errors import AvatarError
-from service.face.face import Face
-from service.face.finder import FaceFinder
+from service.face.finder import Face, FaceFinder
+from service.face.fit.fit import Fit, FitSettings
 from service.face.fit.fit_face import fit_face, fit_views
-from service.face.fit.result import Fit
-from service.face.fit.settings import FitSettings
 from service.face.profile import faces_by_reading
-from service.face.reading.read import Readers, read_face
-from service.face.reading.reader import ReaderNetwork, Reading
-from service.face.view import View
+from service.face.reading.reader import ReaderNetwork, Readers, Reading, View, read_face
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.photo import Photo

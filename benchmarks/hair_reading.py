@@ -27,8 +27,7 @@ from service.arrays import Float32, UInt8
 from service.errors import AvatarError
 from service.face.finder import FaceFinder
 from service.face.reading.part_labels import HAIR
-from service.face.reading.read import Readers, read_face
-from service.face.reading.reader import parts_at_pixels
+from service.face.reading.reader import Readers, parts_at_pixels, read_face
 from service.hair.kinds import KINDS, LENGTHS, length_of
 from service.hair.reading import CELLS, HairNetwork, HairReading, orientation, read_hair
 from service.photo.gate import read_photo

@@ -26,7 +26,7 @@ from models.lightstage.light.lobes import directional_albedo
 from models.lightstage.light.plain import PlainSkin
 from models.lightstage.light.response import developed
 from models.lightstage.skin.window import ChartWindow
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.light.environment import radiance as environment_radiance

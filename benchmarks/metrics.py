@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from service.face.fit.result import Fit
-from service.geometry.normals import normalise, vertex_normals
+from service.face.fit.fit import Fit
+from service.geometry.mesh import normalise, vertex_normals
 from service.geometry.raster import Raster, rasterise
 from service.head.model import HeadModel
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from benchmarks.heads import TexturedHead
 from service.colour import linear_to_srgb
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 
 Float = npt.NDArray[np.float64]
 

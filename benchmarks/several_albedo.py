@@ -25,7 +25,7 @@ from benchmarks.metrics import Truth, View, face_region
 from benchmarks.shoot import FFHQ_EYES_M, data_folder, ffhq_head, ict_colours
 from service.archive.avatar import Avatar
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.map_registry import SEEN
 from service.options import Options
 from service.pipeline import make_avatar

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from service.face.features.rims import RIMS
 from service.face.finder import FaceFinder
+from service.face.fit.fit import Fit
 from service.face.fit.fit_face import fit_face
-from service.face.fit.result import Fit
-from service.face.reading.read import Readers, read_face
+from service.face.reading.reader import Readers, read_face
 from service.head.eyeball import inter_ocular_m
 from service.head.files import load_head
 from service.head.model import HeadModel

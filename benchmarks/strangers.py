@@ -23,9 +23,8 @@ import numpy.typing as npt
 from benchmarks.fit import people
 from service.arrays import UInt8
 from service.face.finder import FaceFinder
-from service.face.frames import turn_deg
 from service.face.identity import Recogniser
-from service.face.several import SQUARELY_DEG, STRANGE, apart_from_most
+from service.face.several import SQUARELY_DEG, STRANGE, apart_from_most, turn_deg
 from service.photo.gate import read_photo
 
 Codes = dict[str, npt.NDArray[np.float64]]

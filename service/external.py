@@ -25,8 +25,8 @@ from service.archive.manifest import Given
 from service.arrays import Float32, Float64, Int64, UInt8
 from service.diagnosis import peak_rss_mb
 from service.errors import BadAspect, BadMesh, NumericFault, UsageError
-from service.face.face import Face
-from service.face.fit.result import Fit
+from service.face.finder import Face
+from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.geometry.chart import NO_PART, Chart, nearest_inside
 from service.head.files import load_head
@@ -43,7 +43,7 @@ from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.subject import Subject
 from service.reflectance.surface_maps import surface_maps
 from service.runtime.networks import choose_engine
-from service.texture.texture_maps import Texture, depth_map, shape_normals
+from service.texture.texture import Texture, depth_map, shape_normals
 
 CHART_TOLERANCE = 5e-4
 """Largest difference of texture coordinates, which exporters round to four decimals or more; the head model's closest

@@ -13,9 +13,9 @@ import numpy as np
 from service.archive.manifest import IdentitySimilarity
 from service.arrays import UInt8
 from service.colour import bytes_to_linear
-from service.face.face import Face
-from service.face.fit.basis import at_barycentric
-from service.face.fit.result import Fit
+from service.face.finder import Face
+from service.face.fit.fit import Fit
+from service.face.fit.landmark_fit import at_barycentric
 from service.face.identity import Recogniser, centred_cosine, distance, population
 from service.head.model import HeadModel
 from service.materials.part import MeshPart

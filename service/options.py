@@ -12,7 +12,7 @@ from pydantic.dataclasses import dataclass
 
 from service.checks import CHECKED, Checked, Right, shown
 from service.errors import UsageError
-from service.face.fit.settings import FitSettings, IdentityComponents, Iterations, Refine
+from service.face.fit.fit import FitSettings, IdentityComponents, Iterations, Refine
 from service.hair.asked import LENGTHS_MM, STYLES, AskedHair, checked_colour, checked_hair
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
 from service.map_registry import MAP_NAMES, maps_made_by

@@ -32,15 +32,13 @@ from service.archive.avatar import Avatar, Source
 from service.archive.licences import model_cards
 from service.budget import within_budget
 from service.diagnosis import peak_rss_mb
-from service.face.face import Face, choose_face
 from service.face.features.eye_colours import NAMED_IRISES
 from service.face.features.mouth import with_mouth_shut
-from service.face.finder import FaceFinder
-from service.face.frames import with_frames
+from service.face.finder import Face, FaceFinder, choose_face
 from service.face.identity import Recogniser
 from service.face.profile import faces_by_reading
-from service.face.reading.read import Readers
-from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all
+from service.face.reading.reader import Readers
+from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all, with_frames
 from service.geometry.chart import Chart
 from service.hair.find_hair import find_hair
 from service.hair.reading import HairNetwork
@@ -59,8 +57,7 @@ from service.runtime.networks import choose_engine, loading_ahead
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
 from service.texture.photo_detail import OwnDetail, own_texture_of
-from service.texture.texture import make_texture
-from service.texture.texture_maps import Texture
+from service.texture.texture import Texture, make_texture
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""

@@ -16,7 +16,7 @@ from benchmarks.render import Worn
 from benchmarks.shoot import FFHQ_EYES_M, ffhq_head, ict_places, landmarks_on
 from benchmarks.subjects import scan
 from models.lightstage.references import linear, read
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 
 Float = npt.NDArray[np.float64]
 Canvas = npt.NDArray[np.float32]

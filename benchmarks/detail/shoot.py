@@ -16,7 +16,7 @@ from benchmarks.render import Shot, emitter, environment, eyeball, lamps_of, mit
 from benchmarks.shoot import FFHQ_EYES_M, ffhq_head, ict_places, landmarks_on
 from benchmarks.subjects import BEHIND_LIDS_M, PUPILS_M, SCAN_LIDS
 from models.lightstage.references import linear, normals, read
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 
 Float = npt.NDArray[np.float64]
 

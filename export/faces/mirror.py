@@ -1,4 +1,4 @@
-"""Derives which landmark of the face mesh mirrors which, and prints the table of ``service/face/topology.py``.
+"""Derives which landmark of the face mesh mirrors which, and prints the table of ``service/face/detection.py``.
 
 The mesh of a mirrored picture, mirrored back, is the mesh of the picture with left and right points exchanged, up to
 the network's noise. Distances are summed over crops of the sample photo, shifted, scaled and turned a little, and the
@@ -16,8 +16,8 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from export.faces.probes import sample_photo
+from service.face.detection import LANDMARKS, MESH_SIZE
 from service.face.finder import FaceFinder
-from service.face.landmarks import INPUT_SIZE, LANDMARKS
 from service.face.region import Region
 from service.runtime.sessions import load_session
 
@@ -34,12 +34,12 @@ def derive(crops: int = 40) -> npt.NDArray[np.int64]:
     cost = np.zeros((LANDMARKS, LANDMARKS))
     for _ in range(crops):
         x, y = centre + random.normal(0, 0.03, 2) * side
-        crop = Region(x, y, side * random.uniform(0.85, 1.15), random.normal(0, 0.15)).cut(photo, INPUT_SIZE)
+        crop = Region(x, y, side * random.uniform(0.85, 1.15), random.normal(0, 0.15)).cut(photo, MESH_SIZE)
         plain, mirrored = (
             session.run({"image": np.ascontiguousarray(c, np.float32)[None] / 255})[0].reshape(LANDMARKS, 3)
             for c in (crop, crop[:, ::-1])
         )
-        back = mirrored * [-1, 1, 1] + [INPUT_SIZE, 0, 0]
+        back = mirrored * [-1, 1, 1] + [MESH_SIZE, 0, 0]
         cost += np.linalg.norm(plain[:, None] - back[None], axis=2)
     partner = linear_sum_assignment(cost)[1]
     if not np.array_equal(partner[partner], np.arange(LANDMARKS)):

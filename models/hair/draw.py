@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from service.colour import linear_to_srgb
 from service.geometry.camera import Camera
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 from service.geometry.raster import interpolate, rasterise
 from service.hair.groom import Groom
 from service.head.model import HeadModel

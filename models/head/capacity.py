@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.head.register import Cloud, Fitter, hidden_behind
-from service.geometry.normals import area_normals
+from service.geometry.mesh import area_normals
 from service.head.files import load_head
 
 Float = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from models.head.nearest import nearest_on_triangles
 from models.head.register import Cloud, Fitter, hidden_behind
 from service.errors import ModelFault
-from service.geometry.normals import area_normals
+from service.geometry.mesh import area_normals
 from service.head.files import split_polygons, triangle_fields
 from service.head.model import HeadModel
 

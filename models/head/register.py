@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from service.geometry.normals import area_normals
+from service.geometry.mesh import area_normals
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float64]

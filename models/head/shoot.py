@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.geometry.camera import Camera
-from service.geometry.normals import area_normals
+from service.geometry.mesh import area_normals
 from service.geometry.raster import Raster, rasterise
 from service.head.model import HeadModel
 

@@ -19,7 +19,7 @@ from models.lightstage.stage import Stage
 from service.archive.images import encode_normals8, encode_png
 from service.errors import OutputFault, UsageError
 from service.geometry.chart import Chart
-from service.texture.texture_maps import depth_map, shape_normals
+from service.texture.texture import depth_map, shape_normals
 
 TILE = 1024
 DISPLACEMENT_MM = 5e-5

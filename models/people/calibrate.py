@@ -23,8 +23,8 @@ from models.head.embedding import CONTOUR, EMBEDDING_FILE, Embedding, save_both
 from models.head.nearest import nearest_on_triangles
 from models.people.make import Portrait
 from models.people.shards import decode, load
-from service.face.face import LANDMARK_COUNT
-from service.geometry.normals import area_normals
+from service.face.finder import LANDMARK_COUNT
+from service.geometry.mesh import area_normals
 from service.geometry.raster import rasterise
 from service.head.files import DEFAULT_HEAD, load_head
 from service.head.model import HeadModel

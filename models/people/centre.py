@@ -19,15 +19,13 @@ import numpy.typing as npt
 
 from models.head.embedding import EMBEDDING_FILE, save_both
 from models.people.calibrate import LOWER_INNER, UPPER_INNER, Surface
-from service.face.face import Face
-from service.face.finder import FaceFinder
-from service.face.fit.basis import LandmarkModel
+from service.face.detection import MIRROR
+from service.face.finder import Face, FaceFinder
+from service.face.fit.fit import FitSettings
 from service.face.fit.fit_face import prior_for
-from service.face.fit.landmark_fit import Observed, fit_landmarks
-from service.face.fit.pose_state import project_points
-from service.face.fit.settings import FitSettings
-from service.face.reading.scores import Landmarker, Scores
-from service.face.topology import MIRROR
+from service.face.fit.landmark_fit import LandmarkModel, Observed, fit_landmarks
+from service.face.fit.solver import project_points
+from service.face.reading.openings import Landmarker, Scores
 from service.head.files import DEFAULT_HEAD, load_head
 from service.head.model import HeadModel
 from service.photo.gate import read_photo

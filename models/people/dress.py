@@ -19,7 +19,7 @@ from models.people.shells import cap, fur, mask, scarf
 from models.people.skins import Skin
 from service.anatomy.items import Item, Items
 from service.face.reading import part_labels as labels
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 
 Float = npt.NDArray[np.float32]
 

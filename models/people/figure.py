@@ -18,7 +18,7 @@ from models.people.skins import Skin
 from service.anatomy.items import Items
 from service.colour import srgb_to_linear
 from service.face.reading import part_labels as labels
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 
 Float = npt.NDArray[np.float32]
 

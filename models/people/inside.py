@@ -25,7 +25,7 @@ from models.head.eyes import affine_weights
 from models.head.source import BaseMesh, find_data, read_base
 from models.people.mhclo import read_binding, read_shape
 from service.anatomy.mouth_meshes import FILE, Inset
-from service.geometry.subdivide import Subdivision
+from service.geometry.remesh import Subdivision
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.head.regions import part_vertices

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from models.lightstage.skin.streams import Stream
 from models.people.expression import draw_expression
 from models.people.skins import COUNT
-from service.face.fit.basis import FIELDS, places
+from service.face.fit.landmark_fit import FIELDS, process_places
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.head.regions import OpeningEdges, lid_edges
@@ -62,7 +62,7 @@ def the_head() -> HeadModel:
 
 @functools.lru_cache(maxsize=1)
 def _places() -> npt.NDArray[np.float64]:
-    return places(the_head())
+    return process_places(the_head())
 
 
 @functools.lru_cache(maxsize=1)

@@ -14,7 +14,7 @@ from models.people.figure import layouts, smooth_normals
 from models.people.glasses import tube
 from models.people.person import the_head
 from service.face.reading import part_labels as labels
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 
 Float = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]

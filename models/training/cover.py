@@ -2,7 +2,7 @@
 
 The light stage's heads are bald and seen from all round. The texture of a photo has lit skin on a third of the chart;
 the rest is hair, or colour that was made up. So training hides as much. Brows and beards are seen and belong to the
-albedo, but tell nothing of the light (``service.texture.segmentation``).
+albedo, but tell nothing of the light (``service.texture.unwrap``).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from models.training.degrade import blur, smooth_field
 from models.training.regions import context_chart, region_planes
 from models.training.tasks import choice, uniform
 from service.runtime.network_registry import GEOMETRY
-from service.texture.segmentation import SHADOW
+from service.texture.unwrap import SHADOW
 
 BARE = 0.08
 """Share of the charts of which all skin is seen, as on rendered scans."""

@@ -11,7 +11,7 @@ from models.colour import linear, srgb
 from models.training.albedo import log_light
 from models.training.regions import region_planes
 from models.training.tasks import uniform
-from service.face.features.white_reference import BRIGHTEST_TOLD
+from service.face.features.eye_colours import BRIGHTEST_TOLD
 
 KNOWN = 0.7
 """Share of training charts with whites of the eyes to be seen, if the eyes are open."""

@@ -15,7 +15,7 @@ from torch import Tensor
 from models.networks.hair import CELL, SIDE
 from models.people.develop import decoded
 from models.people.shards import UNKNOWN, load
-from service.face.landmarks import face_roll
+from service.face.detection import face_roll
 from service.face.reading import part_labels as labels
 from service.face.region import Region, level_square
 from service.hair.kinds import KINDS, LENGTHS, PARTINGS, length_of

@@ -18,8 +18,8 @@ from service.anatomy.canvas import Canvas, smooth_noise
 from service.anatomy.eye_painting import DrawnEye, eye_albedo
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8
 from service.face.features.eye_colours import IRIS
-from service.face.fit.result import Fit
-from service.geometry.normals import area_normals, normalise
+from service.face.fit.fit import Fit
+from service.geometry.mesh import area_normals, normalise
 from service.head.eyeball import SIDES, Eyeball
 from service.head.model import HeadModel
 from service.head.regions import lid_edges, part_vertices

@@ -13,8 +13,8 @@ from service.anatomy.canvas import Canvas, smooth_noise
 from service.anatomy.mouth_painting import GUMS, TONGUE
 from service.arrays import AnyFloat, Float32, Int32, UInt8
 from service.errors import ModelFault
-from service.face.features.teeth import TOOTH
-from service.face.fit.result import Fit
+from service.face.features.mouth import TOOTH
+from service.face.fit.fit import Fit
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart, targets_of

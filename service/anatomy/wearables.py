@@ -15,14 +15,13 @@ from scipy.spatial import cKDTree
 from service.anatomy.items import Item, Items, fits, read_items
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int64, UInt8, UInt16
 from service.colour import bytes_to_linear, linear_to_srgb
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.face.reading.part_labels import BROW
 from service.face.reading.reader import PART_CELLS, Reading
-from service.geometry.mesh_field import laplacian, smooth_fit
-from service.geometry.normals import area_normals
+from service.geometry.mesh import area_normals, laplacian, smooth_fit
 from service.geometry.raster import fragments, interpolate, rasterise
+from service.geometry.remesh import split_in_four
 from service.geometry.sampling import sample_chart
-from service.geometry.subdivide import split_in_four
 from service.hair.colour import natural
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask

@@ -8,8 +8,8 @@ from typing import Any
 
 from service.archive.manifest import Given, IdentitySimilarity, Model
 from service.arrays import UInt8
-from service.face.face import Face
-from service.face.fit.result import Fit
+from service.face.finder import Face
+from service.face.fit.fit import Fit
 from service.face.several import LeftOut
 from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
@@ -17,7 +17,7 @@ from service.materials.part import MeshPart, check_parts, head_parts
 from service.photo.photo import Photo
 from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.surface_maps import SurfaceMaps
-from service.texture.texture_maps import Texture
+from service.texture.texture import Texture
 
 
 @dataclass(frozen=True)

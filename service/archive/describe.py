@@ -18,7 +18,7 @@ from service.archive.glb import weights_by_name
 from service.archive.maps import MAPS, MapFiles, MapSpec, wrinkle_of
 from service.archive.skeleton import JOINTS, PARENTS, skeleton
 from service.face.features.eyes import Gaze
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.hair.style import style_to_json
 from service.hair.worn_hair import WornHair
 from service.materials.material import Material

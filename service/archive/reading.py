@@ -16,7 +16,7 @@ from service.archive.read_obj import MAX_BYTES as MAX_OBJ
 from service.archive.read_obj import ObjMesh, read_obj
 from service.arrays import UInt8
 from service.errors import BadArchive, CorruptImage, NumericFault, UnreadableInput
-from service.geometry.normals import normalise
+from service.geometry.mesh import normalise
 from service.materials.material import ChartMap, Map, Material, OwnMap
 from service.materials.part import MeshPart
 from service.photo.container import open_container

@@ -19,7 +19,7 @@ from service.archive.reading import AvatarFile, open_avatar
 from service.archive.surfaces import subdivided_head
 from service.arrays import AnyFloat, UInt8
 from service.errors import OutputFault, UsageError
-from service.geometry.subdivide import Subdivision
+from service.geometry.remesh import Subdivision
 from service.head.model import HeadModel
 from service.materials.part import MeshPart, framed, material_of
 from service.render.draw import without_parts

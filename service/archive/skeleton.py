@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import AnyFloat, Float32, Float64
-from service.geometry.normals import normalise
+from service.geometry.mesh import normalise
 from service.head.model import HeadModel
 from service.head.regions import part_vertices, vertex_mask
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt16
 from service.geometry.chart import any_orthogonal, solve_affine
-from service.geometry.normals import area_normals, face_normals, normalise
-from service.geometry.subdivide import Subdivision
+from service.geometry.mesh import area_normals, face_normals, normalise
+from service.geometry.remesh import Subdivision
 from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.materials.part import MeshPart, part_normals

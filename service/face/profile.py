@@ -12,12 +12,11 @@ import numpy as np
 
 from service.arrays import Float64, UInt8
 from service.errors import NumericFault
-from service.face.detector import Detection
-from service.face.face import LANDMARK_COUNT, Face
-from service.face.finder import photo_warnings
-from service.face.fit.basis import LandmarkModel, at_barycentric
+from service.face.detection import Detection
+from service.face.finder import LANDMARK_COUNT, Face, photo_warnings
 from service.face.fit.dense import Correspondences, correspondences
-from service.face.fit.pose_state import State, WeakPose, weak_pose
+from service.face.fit.landmark_fit import LandmarkModel, at_barycentric
+from service.face.fit.solver import State, WeakPose, weak_pose
 from service.face.reading.reader import ReaderNetwork, crop_of
 from service.face.region import Region
 from service.head.model import HeadModel

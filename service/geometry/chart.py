@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, Int64, UInt8
-from service.geometry.normals import normalise, vertex_normals
+from service.geometry.mesh import normalise, vertex_normals
 from service.geometry.raster import interpolate, rasterise
 from service.head.model import HeadModel
 

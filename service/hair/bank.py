@@ -17,7 +17,7 @@ import numpy as np
 
 from service.arrays import Float32, Float64, Int64, UInt8
 from service.errors import ModelFault
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.face.region import Region
 from service.geometry.camera import Camera
 from service.geometry.sampling import sample_at

@@ -21,7 +21,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Bool, Float32, Int32, Int64
-from service.geometry.normals import face_normals
+from service.geometry.mesh import face_normals
 from service.hair.atlas import SAMPLES, Atlas, Cells, Strokes, cell_corners, draw_atlas
 from service.hair.groom import Groom
 from service.hair.scalp import CELL_M, LOW, Scalp

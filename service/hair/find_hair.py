@@ -14,7 +14,7 @@ import numpy as np
 
 from service.arrays import Float32
 from service.colour import srgb_to_linear
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.face.reading.reader import Reading
 from service.hair.asked import NONE, AskedHair
 from service.hair.bank import kind_of, match, read_bank

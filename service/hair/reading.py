@@ -191,7 +191,7 @@ def together(one: Float32, other: Float32) -> Float32:
     """Probability of hair by two networks (H, W), the hair reader's and the reader's of faces.
 
     They err in different places: this one was taught on strands, in a wide crop, that one on other hair, in finer
-    crops, weighed by a third that knows people in real photos (``service.face.reading.person``).
+    crops, weighed by a third that knows people in real photos (``service.face.reading.reader``).
     """
     odds = (np.log(p) - np.log1p(-p) for p in (np.clip(p, 0.01, 0.99) for p in (one, other)))
     return np.asarray(1 / (1 + np.exp(-(WITNESSES * sum(odds) + RECALL))), np.float32)

@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Bool, Float32, Int64
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 from service.head.model import HeadModel
 
 CENTRE = np.array([0.0, 0.02, -0.07], np.float32)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float32, Int64
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.face.region import Region
 from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.raster import rasterise

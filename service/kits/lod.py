@@ -1,7 +1,7 @@
 """Levels of detail: the parts with more and with fewer triangles, each with its texture coordinates and blendshapes.
 
 Of finer ones the skin is subdivided_part first (Catmull and Clark 1978). Coarser ones keep a subset of the vertices
-(``service.geometry.collapse``), so that texture coordinates, joints and blendshapes stay what they were; the shape is
+(``service.geometry.remesh``), so that texture coordinates, joints and blendshapes stay what they were; the shape is
 kept at rest and in the poses of ``JUDGED``. Of hair fewer ribbons are kept, whole ones, and they get wider: half a
 ribbon has no tip.
 """
@@ -17,8 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from service.archive.surfaces import Piece
 from service.arrays import Float32, Int64
-from service.geometry.collapse import collapsed
-from service.geometry.subdivide import Subdivision
+from service.geometry.remesh import Subdivision, collapsed
 from service.materials.part import MeshPart, part_triangles
 
 LEVELS = (24_000, 12_000, 6_000, 2_000)

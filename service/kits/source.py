@@ -17,7 +17,7 @@ from service.archive.usd_text import Prim
 from service.arrays import Float32, Float64, Int32
 from service.colour import bytes_to_linear
 from service.errors import BadArchive, NumericFault, OutputFault
-from service.light.harmonics import basis
+from service.light.formulas import basis
 from service.materials.material import Map, Material
 from service.materials.part import MeshPart
 

@@ -14,10 +14,9 @@ import numpy as np
 
 from service.arrays import Float32, Float64
 from service.colour import LUMA
-from service.geometry.normals import normalise
+from service.geometry.mesh import normalise
 from service.light.environment import Illumination, flux_by_direction, spread_directions
-from service.light.formulas import F0_SCALE, Graphs, lamp_numbers, mirror_openness, mirror_weights
-from service.light.harmonics import irradiance, project
+from service.light.formulas import F0_SCALE, Graphs, irradiance, lamp_numbers, mirror_openness, mirror_weights, project
 from service.light.samples import AZIMUTHS, SurfaceSamples
 from service.light.scene import PointLight, Response, Scene, Triple
 

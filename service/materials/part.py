@@ -10,7 +10,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, AnyInt, Float32, Int32, Int64, UInt8
 from service.errors import NumericFault
-from service.geometry.normals import area_normals, normalise
+from service.geometry.mesh import area_normals, normalise
 from service.head.model import HeadModel
 from service.materials.material import ChartMap, Material, OwnMap, checked_name
 

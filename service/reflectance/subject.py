@@ -11,17 +11,17 @@ import numpy.typing as npt
 
 from service.anatomy.chart_planes import brow_plane, lash_line, lid_skin
 from service.arrays import AnyFloat, Float32, Float64
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.geometry.chart import NO_PART, Chart, islands
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.image_filters import blurred, by_strips, shrunk, stretched_to
-from service.light.harmonics import BAND_GAIN, LUMINANCE, gradient, sh_basis
+from service.light.formulas import BAND_GAIN, LUMINANCE, gradient, sh_basis
 from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
 from service.reflectance.relief.folds import Creases
 from service.runtime.network_registry import EYES
-from service.texture.texture_maps import PhotoTexture, Texture, depth_map, shape_normals
+from service.texture.texture import PhotoTexture, Texture, depth_map, shape_normals
 
 DARKEST = 0.2
 """Least irradiance, over the mean of the seen skin, by which is divided: darker skin lies in cast shadows, whose light
@@ -34,7 +34,7 @@ def sensitivity(chart: Chart, vertices: AnyFloat, light: AnyFloat, rotation: Any
     Args:
         chart: of the head.
         vertices: (V, 3) metres.
-        light: (9, 3) harmonics of radiance in the camera's frame (``service.face.fit.result.Fit.light``).
+        light: (9, 3) harmonics of radiance in the camera's frame (``service.face.fit.fit.Fit.light``).
         rotation: (3, 3) from the head's frame to the camera's.
     """
     frame, turn = chart.frame(vertices), np.asarray(rotation, np.float64).T

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from service.arrays import AnyFloat, Float32, UInt8, UInt16
 from service.geometry.chart import Chart
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 from service.head.model import HeadModel
 from service.head.regions import part_vertices, vertex_mask
 from service.image_filters import blurred, shrunk

@@ -13,7 +13,7 @@ import numpy as np
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
-from service.geometry.normals import area_normals, normalise
+from service.geometry.mesh import area_normals, normalise
 from service.geometry.raster import (
     Fragments,
     composite,
@@ -27,8 +27,7 @@ from service.geometry.sampling import sample_chart
 from service.head.files import triangle_fields
 from service.head.model import HeadModel
 from service.light.environment import Illumination
-from service.light.formulas import Graphs, lamp_numbers
-from service.light.harmonics import irradiance, project
+from service.light.formulas import Graphs, irradiance, lamp_numbers, project
 from service.light.scene import WHITE, Triple
 from service.materials.material import ChartMap, OwnMap
 from service.materials.part import MeshPart, head_parts, material_of, part_normals, part_triangles

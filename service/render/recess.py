@@ -15,11 +15,10 @@ from functools import cached_property
 import numpy as np
 
 from service.arrays import Bool, Float32, Int64
-from service.geometry.normals import normalise
+from service.geometry.mesh import normalise
 from service.geometry.sampling import surface_points, thinned
 from service.light.environment import Illumination, flux_by_direction, prefiltered, spread_directions
-from service.light.formulas import F0_SCALE, Graphs, lamp_numbers, mirror_weights
-from service.light.harmonics import irradiance, project
+from service.light.formulas import F0_SCALE, Graphs, irradiance, lamp_numbers, mirror_weights, project
 from service.light.plan import LightPlan
 from service.light.scene import Triple
 from service.materials.material import Material

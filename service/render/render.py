@@ -18,7 +18,7 @@ from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.colour import to_bytes
 from service.errors import NumericFault
 from service.geometry.camera import Camera
-from service.geometry.normals import normalise
+from service.geometry.mesh import normalise
 from service.head.model import HeadModel
 from service.light.environment import illumination, lookup
 from service.light.environment import radiance as environment_radiance

@@ -12,8 +12,7 @@ import numpy as np
 from service.arrays import Float32
 from service.geometry.chart import unit_vectors
 from service.light.environment import Illumination, prefiltered
-from service.light.formulas import F0_SCALE, Graphs, lamp_numbers
-from service.light.harmonics import irradiance, project
+from service.light.formulas import F0_SCALE, Graphs, irradiance, lamp_numbers, project
 from service.light.plan import LightPlan
 from service.light.scene import PointLight, Triple
 from service.render.draw import SeenHead

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int64
-from service.geometry.normals import normalise
+from service.geometry.mesh import normalise
 from service.light.environment import Illumination, flux_by_direction, spread_directions
 from service.light.formulas import Graphs, lamp_numbers
 from service.light.scene import PointLight

@@ -7,7 +7,7 @@ import numpy as np
 from service.arrays import AnyFloat, Float64
 from service.errors import UsageError
 from service.geometry.camera import NEAREST_M, Camera
-from service.geometry.normals import normalise
+from service.geometry.mesh import normalise
 from service.head.model import HeadModel
 from service.light.scene import DEFAULT_VIEW, Triple
 from service.render.request import degrees_of

@@ -19,16 +19,14 @@ from scipy.sparse import csc_array
 
 from service.arrays import Float32, Float64
 from service.colour import LUMA, linear_to_srgb, srgb_to_linear
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
-from service.geometry.mesh_field import laplacian, smooth_fit, splat
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import laplacian, smooth_fit, splat, vertex_normals
 from service.head.regions import vertex_mask
 from service.image_filters import blurred
-from service.light.harmonics import LUMINANCE, sh_basis
+from service.light.formulas import LUMINANCE, sh_basis
 from service.robust import agreement, smoothstep
-from service.texture.segmentation import Segmentation, Zones
-from service.texture.unwrap import Unwrapped
+from service.texture.unwrap import Segmentation, Unwrapped, Zones
 
 DARKEST = 2e-3
 """Linear value at which logarithms stop."""

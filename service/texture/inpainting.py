@@ -18,7 +18,7 @@ import numpy as np
 from service.arrays import AnyFloat, Float32, Float64
 from service.colour import luma
 from service.geometry.chart import Chart, mirrored_map
-from service.geometry.mesh_field import laplacian, smooth_fit, splat
+from service.geometry.mesh import laplacian, smooth_fit, splat
 from service.head.regions import vertex_mask
 from service.image_filters import blurred, ramp
 from service.robust import smoothstep

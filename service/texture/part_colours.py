@@ -12,14 +12,13 @@ from service.anatomy.wearables import LASH
 from service.arrays import Bool, Float32, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.features.eye_colours import IRIS, SCLERA, likely_iris
-from service.face.features.teeth import TOOTH
-from service.face.fit.result import Fit
+from service.face.features.mouth import TOOTH
+from service.face.fit.fit import Fit
 from service.face.reading import part_labels as labels
 from service.geometry.chart import Chart, nearest_inside
 from service.map_registry import SEEN
 from service.texture.inpainting import opacity
-from service.texture.segmentation import Zones
-from service.texture.unwrap import Unwrapped
+from service.texture.unwrap import Unwrapped, Zones
 
 DARKEST = 1e-3
 """Smallest linear value of the sclera, as albedos are divided by its light."""
@@ -85,7 +84,7 @@ class Parts:
 
     Attributes:
         colour: (N, 3) sRGB in the photo's light: the parts painted over the skin.
-        code: (N,) confidence, see ``service.texture.texture_maps``.
+        code: (N,) confidence, see ``service.texture.texture``.
         albedo: (H, W, 3) sRGB-coded albedo of all parts but skin, extended over the chart.
         iris, tooth: (3,) linear albedo of irises (:func:`likely_iris`) and teeth, the usual one where none were seen.
     """

@@ -24,7 +24,7 @@ import numpy as np
 
 from service.arrays import Float32, UInt8
 from service.colour import FULL_CODE, Codes, linear_to_srgb, luma, srgb_to_linear
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
@@ -44,7 +44,7 @@ from service.texture.photo_sampling import (
     stretched,
 )
 from service.texture.sharpness import LEAST_LEFT, Sharpness, measure_sharpness
-from service.texture.texture_maps import PhotoTexture, Texture
+from service.texture.texture import PhotoTexture, Texture
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from service.arrays import Bool, Float32, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb, to_bytes
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.geometry.camera import NEAREST_M
 from service.geometry.chart import Chart, chart_points, solve_affine
 from service.head.model import HeadModel

@@ -17,7 +17,7 @@ from service.errors import FaceCutOff, FaceTooSmall, NoFace
 from service.geometry.chart import Chart
 from service.head.regions import vertex_mask
 from service.map_registry import SEEN
-from service.texture.segmentation import Zones
+from service.texture.unwrap import Zones
 from tests.end_to_end.command import ROOT
 from tests.end_to_end.conftest import Pixels
 

@@ -16,7 +16,7 @@ from PIL import Image
 from service import diagnosis
 from service.archive.avatar import Avatar
 from service.archive.pack import archive_members
-from service.face.fit.basis import at_barycentric
+from service.face.fit.landmark_fit import at_barycentric
 from service.head.files import save_head
 from service.pipeline import make_avatar
 from tests.end_to_end.command import ROOT, avatarme

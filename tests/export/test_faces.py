@@ -10,7 +10,7 @@ from export.faces.mirror import derive
 from export.faces.onnx_tools import ParityError, run_onnx, store_half, worst_difference, write_gated
 from export.faces.parity import CHECKS, difference
 from export.faces.tflite_tools import CUSTOM, with_builtin_operators
-from service.face.topology import MIRROR
+from service.face.detection import MIRROR
 
 
 def small_weights() -> dict[str, identity.Stored]:

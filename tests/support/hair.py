@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import Float32
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.face.region import Region
 from service.geometry.camera import Camera
 from service.hair.bank import view_camera

@@ -24,8 +24,7 @@ from models.lightstage.light.sampling import dot, unit
 from models.lightstage.skin.window import ChartWindow
 from service.errors import UsageError
 from service.light.environment import Illumination, flux_by_direction, illumination
-from service.light.formulas import SMALLEST_ALPHA
-from service.light.harmonics import COSINE_LOBE, project
+from service.light.formulas import COSINE_LOBE, SMALLEST_ALPHA, project
 from service.light.plan import LightPlan
 from service.light.scene import PointLight, Scene
 

@@ -1,4 +1,4 @@
-"""Real spherical harmonics up to degree 2 on tensors; ``service.light.harmonics`` is the definition, in numpy."""
+"""Real spherical harmonics up to degree 2 on tensors; ``service.light.formulas`` is the definition, in numpy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from torch import Tensor
 
 
 def basis(d: Tensor) -> Tensor:
-    """(9, ...) values at unit directions (3, ...), in the order of ``service.light.harmonics.basis``."""
+    """(9, ...) values at unit directions (3, ...), in the order of ``service.light.formulas.basis``."""
     x, y, z = d
     one = torch.ones_like(x)
     first = [0.28209479177387814 * one, 0.4886025119029199 * y, 0.4886025119029199 * z, 0.4886025119029199 * x]

@@ -1,6 +1,6 @@
 """How much light the whites of the eyes stand in, beside the lids round them.
 
-The whites tell the program the light of a photo (``service.face.features.white_reference``), but they lie deeper than
+The whites tell the program the light of a photo (``service.face.features.eye_colours``), but they lie deeper than
 skin does, between lids and under brows. How much reaches them follows from the head and the light, so it is computed
 from both. Lids are thin and touch the eye; so rays are cast at the triangles themselves, not at points on them as
 elsewhere in the light stage.
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from service.face.features.white_reference import BEYOND, LIT
-from service.geometry.normals import normalise, vertex_normals
+from service.face.features.eye_colours import BEYOND, LIT
+from service.geometry.mesh import normalise, vertex_normals
 from service.geometry.sampling import surface_points
 from service.head.eyeball import IRIS_RADIUS_M, SIDES, eyeball
 from service.head.model import HeadModel

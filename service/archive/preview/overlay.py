@@ -10,7 +10,7 @@ from service.archive.avatar import Avatar
 from service.archive.preview.page import GREY, INK, PAPER, Image, blank, paste, to_pixels, write_text
 from service.archive.preview.sheet import clay_picture
 from service.arrays import Float64, Int64
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.render.draw import over

@@ -16,7 +16,7 @@ from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, bl
 from service.arrays import Float32, UInt8, UInt16
 from service.colour import bytes_to_linear
 from service.geometry.camera import Camera
-from service.geometry.normals import normalise
+from service.geometry.mesh import normalise
 from service.light.environment import Illumination
 from service.light.scene import WHITE, PointLight, Triple
 from service.materials.part import framed

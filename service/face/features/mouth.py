@@ -1,7 +1,10 @@
-"""Lips fitted to the photo, after pose and shape are known.
+"""Lips and teeth of the photo: lips on their rim, which pixels are teeth, their colour, light, and where they end.
 
 A gap of a millimetre between the lips of a closed mouth shows as a white line of teeth. The landmark network itself
 leaves such a gap between closed lips; so where no teeth are seen and the gap is small, the mouth is closed.
+
+How much of the teeth a smile shows differs between people by some millimetres, and no landmark measures it. An upper
+row that is too high leaves a black band between it and the lower lip.
 """
 
 from __future__ import annotations
@@ -9,10 +12,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
-from service.arrays import AnyFloat, Float64
-from service.face.features.rims import LEAST_FACING, Rim, fit_to_rim
-from service.face.fit.result import Fit
+from service.arrays import AnyFloat, Float32, Float64, UInt8
+from service.colour import luma, srgb_to_linear
+from service.face.features.rims import LEAST_FACING, Rim, fit_to_rim, inside_rim
+from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.head.regions import lip_edges
@@ -96,3 +101,155 @@ def sealed(head: HeadModel, expression: Float64) -> Float64:
     if "mouthClose" in place and "jawOpen" in place:
         out[place["mouthClose"]] = out[place["jawOpen"]]
     return out
+
+
+TOOTH = np.array([0.74, 0.68, 0.60], np.float32)
+"""Wet teeth as photos show them: slightly yellow."""
+
+LEAST_PIXELS, LEAST_SHARE = 24, 0.08
+"""Fewest pixels of teeth, and their smallest share of the opening between the lips."""
+
+LEAST_LUMA = 0.55
+"""Smallest luma of teeth over the skin's."""
+
+LEAST_RATIO = (1.25, 1.3)
+"""Smallest green over red and blue over red of teeth, each divided by the skin's, which cancels the colour of the
+light. By their reflectances it is 1.4 and more; of lips and tongue below 1."""
+
+MOST_REDNESS = 0.75
+"""Largest redness of teeth over the skin's."""
+
+CLIPPED = 252 / 255
+"""sRGB value from which on a colour may be overexposed."""
+
+
+def measure_teeth(pixels: UInt8, rim: AnyFloat, skin: npt.ArrayLike) -> Float32 | None:
+    """(3,) sRGB median of the brighter half of the teeth between the lips, or None where none are seen.
+
+    Args:
+        pixels: (H, W, 3) uint8 sRGB.
+        rim: (N, 2) pixels round the opening between the lips, in order.
+        skin: (3,) sRGB of the face; teeth are less red than it and not much darker.
+    """
+    typical = np.asarray(skin, np.float32)
+    colour, _ = inside_rim(pixels, rim, 0.0)
+    pale = colour[toothlike(colour, typical) > 0.5]
+    pale = pale[luma(pale) > LEAST_LUMA * float(luma(typical))]
+    if len(pale) < max(LEAST_PIXELS, LEAST_SHARE * len(colour)):
+        return None
+    order = np.argsort(luma(pale), kind="stable")
+    return np.asarray(np.median(pale[order[len(order) // 2 :]], 0), np.float32)
+
+
+def toothlike(colour: Float32, skin: Float32) -> Float32:
+    """(n,) in [0, 1]: 1 where sRGB colours (n, 3) are clearly less red than the skin (3,), as teeth are, not lips."""
+    limit = MOST_REDNESS * float(_redness(skin))
+    return np.asarray(np.clip((limit - _redness(colour)) / 0.05 + 1, 0, 1), np.float32)
+
+
+def _redness(colour: Float32) -> Float32:
+    """(...) red less the mean of green and blue, over red: the ratio makes it independent of the brightness."""
+    return np.asarray((colour[..., 0] - colour[..., 1:].mean(-1)) / np.maximum(colour[..., 0], 0.02), np.float32)
+
+
+def teeth_light(tooth: Float32, skin: npt.ArrayLike) -> Float64 | None:
+    """Light on the front teeth.
+
+    Args:
+        tooth: (3,) sRGB of the teeth (:func:`measure_teeth`).
+        skin: (3,) sRGB of the face, in about the same light.
+
+    Returns:
+        (3,) linear RGB radiance, finite and positive, that a white diffuse surface would have in their place; None
+        where they are overexposed or not surely teeth.
+    """
+    if (tooth > CLIPPED).any():
+        return None
+    shown, typical = (srgb_to_linear(np.asarray(c, np.float32)).astype(np.float64) + 1e-4 for c in (tooth, skin))
+    ratio = (shown[1:] / shown[0]) / (typical[1:] / typical[0])
+    return np.asarray(shown / TOOTH.astype(np.float64)) if (ratio >= LEAST_RATIO).all() else None
+
+
+ROW = "teeth_upper"
+"""Part of the head that is moved."""
+
+PLACES = np.linspace(0.36, 0.64, 13)
+"""Places of the incisors, from one corner of the mouth (0) to the other (1), at which the edge is sought."""
+
+LEAST_PX = 3.0
+"""Smallest height of a tooth in pixels: less is blur between the lips."""
+
+GAP_M, LEAST_TOOTH_M = 0.0006, 0.002
+"""Largest height of a gap (a glint, noise) that does not end a tooth, and smallest height of a tooth."""
+
+TALLEST_M = 0.012
+"""Height of an upper incisor that is seen up to the gum: what is taller is both rows of teeth meeting."""
+
+LEAST_PLACES = 6
+"""Fewest places at which the edge has to be found."""
+
+MOST_DROP_M = 0.004
+"""Largest drop: with more the row would penetrate the lower lip of a closed mouth."""
+
+
+def teeth_drop(
+    pixels: UInt8,
+    teeth: AnyFloat,
+    camera: Camera,
+    rim_points: AnyFloat,
+    skin: Float32,
+) -> float:
+    """Metres, in [0, ``MOST_DROP_M``], by which the upper teeth of the photo end below those of the head.
+
+    Args:
+        pixels: (H, W, 3) uint8 sRGB.
+        teeth: (N, 3) metres, head space, vertices of the upper row with expression; N is 0 without one.
+        camera: of the fit.
+        rim_points: (20, 2) photo pixels of the opening between the lips, in the order of ``RIMS``.
+        skin: (3,) sRGB of the face.
+    """
+    rim = Rim.of(np.asarray(rim_points, np.float64), camera.rotation[:2, 1], (0.0, 1.0))
+    if not len(teeth) or rim is None or not -camera.rotation[2, 2] >= LEAST_FACING:
+        return 0.0
+    depth = camera.to_camera(teeth)[:, 2]
+    if (depth <= 1e-6).any():
+        return 0.0
+    scale = camera.focal_px / float(depth.min())
+    offset = camera.project(teeth) - rim.corner
+    place, height = offset @ rim.along, offset @ rim.across
+    drops = []
+    for one in PLACES:
+        # The model's edge there: the lowest vertex within about the width of a tooth, 6 mm.
+        near = np.abs(place - one) * rim.length < 0.006 * scale
+        seen = _edge(pixels, rim, one, scale, skin)
+        if near.any() and seen is not None:
+            drops.append((float(height[near].min()) - seen) / scale)
+    if len(drops) < LEAST_PLACES:
+        return 0.0
+    return float(np.clip(np.median(drops), 0.0, MOST_DROP_M))
+
+
+def _edge(pixels: UInt8, rim: Rim, place: float, scale: float, skin: Float32) -> float | None:
+    """Height in the rim's frame at which the upper tooth at a place ends; None where no single tooth is seen."""
+    import cv2
+
+    top, bottom = (float(np.interp(place, *curve.T)) for curve in (rim.upper, rim.lower))
+    if not LEAST_PX <= top - bottom < 4 * max(pixels.shape[:2]):
+        return None
+    heights = np.arange(top, bottom - 0.25, -0.5)
+    along = rim.along / float(rim.along @ rim.along)
+    at = (rim.corner + place * along + heights[:, None] * rim.across).astype(np.float32)
+    colour = cv2.remap(pixels, at[:, None, 0], at[:, None, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    shown = np.asarray(colour, np.float32).reshape(-1, 3) / np.float32(255)
+    tooth = (toothlike(shown, skin) > 0.5) & (luma(shown) > LEAST_LUMA * float(luma(skin)))
+    if not tooth.any():
+        return None
+    # Down from the first sample of tooth to the first gap that is tall enough.
+    first = int(np.argmax(tooth))
+    run = np.flatnonzero(tooth[first:])
+    breaks = np.flatnonzero(np.diff(run) * 0.5 > GAP_M * scale)
+    last = first + int(run[breaks[0]] if len(breaks) else run[-1])
+    tall = float(heights[first] - heights[last])
+    if not max(LEAST_PX, LEAST_TOOTH_M * scale) <= tall <= TALLEST_M * scale:
+        return None
+    return float(heights[last])

@@ -14,14 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import AnyFloat, Float32, Float64, Int32
-from service.face.fit.basis import at_barycentric
-from service.face.fit.pose_state import POSE, State, project_points
-from service.face.fit.solver import PointTerm
+from service.face.fit.landmark_fit import at_barycentric
+from service.face.fit.solver import POSE, PointTerm, State, project_points
 from service.face.reading.part_labels import READ
 from service.face.reading.reader import CELLS, Reading
 from service.geometry.camera import nearest_rotation, skew
 from service.geometry.chart import Chart
-from service.geometry.normals import area_normals, cross
+from service.geometry.mesh import area_normals, cross
 from service.head.model import HeadModel
 from service.robust import geman_mcclure
 
@@ -181,7 +180,7 @@ class DenseTerms:
     """The terms of one reading for one head model.
 
     Args:
-        head: whose identity is fitted whole (``service.face.fit.basis.extended`` cuts and extends it).
+        head: whose identity is fitted whole (``service.face.fit.landmark_fit.extended`` cuts and extends it).
         found: what the reader found.
     """
 

@@ -18,10 +18,9 @@ import numpy as np
 
 from service.arrays import Bool, Float32, Float64, Int64, UInt8
 from service.colour import luma
-from service.face.fit.basis import at_barycentric
-from service.face.fit.pose_state import State, project_points
-from service.face.fit.solver import PointTerm
-from service.geometry.normals import vertex_normals
+from service.face.fit.landmark_fit import at_barycentric
+from service.face.fit.solver import PointTerm, State, project_points
+from service.geometry.mesh import vertex_normals
 from service.geometry.raster import Raster, rasterise
 from service.head.model import HeadModel
 from service.image_filters import blurred

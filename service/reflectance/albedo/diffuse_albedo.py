@@ -18,7 +18,7 @@ import numpy.typing as npt
 from service.anatomy.eye_painting import BRIGHTEST
 from service.arrays import Float32
 from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
-from service.face.features.white_reference import BETWEEN_LIDS
+from service.face.features.eye_colours import BETWEEN_LIDS
 from service.reflectance.albedo.albedo_error import clues, error_model
 from service.reflectance.albedo.corrections import Correction, Ledger
 from service.reflectance.albedo.highlights import HIGHLIGHTS
@@ -36,7 +36,7 @@ from service.reflectance.translate import MapInputs, translate
 from service.runtime.network_registry import CONTEXT, EYES, INPAINTED, LIDS, LIT, PARTS, SHOWN, TEXTURE, networks_of
 from service.runtime.networks import Engine, Network, describe_network, open_network
 from service.runtime.tiles import run_whole
-from service.texture.texture_maps import PhotoTexture
+from service.texture.texture import PhotoTexture
 
 ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST)
 """Corrections of the light where the photo shows skin in it, in order."""

@@ -20,7 +20,7 @@ from service.reflectance.albedo.light_corrections import ChartLight
 from service.reflectance.planes import Planes
 from service.robust import agreement, smoothstep
 from service.runtime.network_registry import EYES, LIT, TEXTURE
-from service.texture.texture_maps import PhotoTexture
+from service.texture.texture import PhotoTexture
 
 DARKEST = 1e-3
 """Linear value at which logarithms stop."""

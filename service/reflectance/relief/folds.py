@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import AnyFloat, Bool, Float32, UInt8, UInt16
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask

@@ -12,7 +12,7 @@ from models.head.import_npz import read_npz
 from models.head.importing import Source, convert, mirror_table
 from models.head.shoot import look_at
 from service.errors import ModelFault
-from service.face.face import Face
+from service.face.finder import Face
 from service.face.fit.fit_face import fit_face
 from service.head.files import load_head, save_head
 from service.photo.photo import Photo

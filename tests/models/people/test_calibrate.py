@@ -10,9 +10,9 @@ from models.head.embedding import CONTOUR
 from models.head.shoot import look_at
 from models.people.calibrate import LOWER_INNER, UPPER_INNER, Hits, back_project, embed, robust_centre
 from models.people.make import Portrait
-from service.face.fit.basis import LandmarkModel
+from service.face.fit.landmark_fit import LandmarkModel
 from service.geometry.camera import Camera
-from service.geometry.normals import area_normals
+from service.geometry.mesh import area_normals
 from service.head.files import load_head
 from service.head.model import HeadModel
 

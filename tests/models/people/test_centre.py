@@ -11,8 +11,8 @@ pytest.importorskip("torch", reason="torch is not installed: pip install '.[trai
 from models.head.shoot import look_at
 from models.people.calibrate import LOWER_INNER, UPPER_INNER
 from models.people.centre import FEWEST_FACES, faces_in, median_residual, moved, residual
-from service.face.face import Face
-from service.face.fit.basis import LandmarkModel
+from service.face.finder import Face
+from service.face.fit.landmark_fit import LandmarkModel
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.photo import Photo

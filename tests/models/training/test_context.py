@@ -26,7 +26,7 @@ from models.training.eyes import (  # noqa: E402
     face_zone,
     lid_zones,
 )
-from service.face.features.white_reference import BRIGHTEST_TOLD  # noqa: E402
+from service.face.features.eye_colours import BRIGHTEST_TOLD  # noqa: E402
 
 pytestmark = pytest.mark.train
 

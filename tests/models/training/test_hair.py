@@ -18,7 +18,7 @@ from models.people.shards import UNKNOWN, encode, save  # noqa: E402
 from models.training.hair import Run, losses, measured, train  # noqa: E402
 from models.training.hair_data import LENGTH, PARTING, batch_of, draw, example, read_people  # noqa: E402
 from service.errors import ModelFault  # noqa: E402
-from service.face.landmarks import EYE_LEFT, EYE_RIGHT, MOUTH  # noqa: E402
+from service.face.detection import EYE_LEFT, EYE_RIGHT, MOUTH  # noqa: E402
 from service.face.reading import part_labels as labels  # noqa: E402
 from service.geometry.camera import Camera  # noqa: E402
 from service.hair.kinds import KINDS, PARTINGS  # noqa: E402

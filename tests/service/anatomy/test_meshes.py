@@ -15,7 +15,7 @@ from service.anatomy.mouth_meshes import FILE, mouth_parts, read_insets, teeth_p
 from service.colour import bytes_to_linear, luma
 from service.errors import ModelFault
 from service.face.features.eyes import Gaze
-from service.geometry.normals import area_normals
+from service.geometry.mesh import area_normals
 from service.head.eyeball import Eyeball
 from service.head.files import load_head
 from service.head.model import HeadModel

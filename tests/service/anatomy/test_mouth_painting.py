@@ -21,7 +21,7 @@ from service.anatomy.mouth_painting import (
     paint_tongue,
 )
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
-from service.face.features.teeth import TOOTH
+from service.face.features.mouth import TOOTH
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from tests.toyhead import sphere_head

@@ -13,7 +13,7 @@ from service.anatomy.wearables import bust_part, lash_part, seam, to_albedo
 from service.arrays import Float32
 from service.colour import linear_to_srgb
 from service.errors import ModelFault
-from service.geometry.normals import area_normals
+from service.geometry.mesh import area_normals
 from service.geometry.sampling import sample_chart
 from service.head.files import load_head
 from service.materials.material import OwnMap

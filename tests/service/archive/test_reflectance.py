@@ -20,7 +20,7 @@ from service.archive.manifest import from_json
 from service.archive.maps import COARSEST_STEP
 from service.archive.pack import archive_members
 from service.archive.surfaces import displaced, heights_at, subdivided_head
-from service.geometry.normals import face_normals
+from service.geometry.mesh import face_normals
 from service.map_registry import MAP_NAMES
 from service.reflectance.reflectance_maps import MID, SCALE_MM, Reflectance, unpack_normals
 from tests.service.archive.test_meshes import Glb, validator_report

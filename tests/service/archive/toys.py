@@ -9,8 +9,8 @@ import numpy as np
 
 from service.archive.avatar import Avatar
 from service.archive.manifest import IdentitySimilarity, Model
-from service.face.face import Face
-from service.face.fit.result import Fit
+from service.face.finder import Face
+from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.map_registry import MAP_NAMES
@@ -21,7 +21,7 @@ from service.reflectance.reflectance_maps import Integration, Reflectance
 from service.reflectance.relief.displacement import encode_heights
 from service.reflectance.surface_maps import surface_maps
 from service.reflectance.translate import pack_normals
-from service.texture.texture_maps import Texture
+from service.texture.texture import Texture
 from tests.toyhead import sphere_head
 
 REFLECTANCE_SIZE = (192, 128)

@@ -5,8 +5,7 @@ import numpy.typing as npt
 import pytest
 
 from export.faces.probes import sample_photo
-from service.face.face import Face
-from service.face.finder import FaceFinder
+from service.face.finder import Face, FaceFinder
 from service.head.files import load_head
 from service.head.model import HeadModel
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.face.detector import Detection, anchors, decode_boxes, merge
+from service.face.detection import Detection, anchors, decode_boxes, merge
 
 
 def detection(x: float, y: float, size: float, score: float) -> Detection:

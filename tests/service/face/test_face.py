@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.errors import FaceCutOff, FaceTooSmall, MultipleFaces, NoFace, UsageError
-from service.face.face import Face, choose_face
+from service.face.finder import Face, choose_face
 
 PHOTO = (1000, 800)
 

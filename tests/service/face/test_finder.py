@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from service.errors import FaceCutOff, NoFace
-from service.face.face import Face, choose_face
-from service.face.finder import FaceFinder, photo_tiles, tile_sides
+from service.face.finder import Face, FaceFinder, choose_face, photo_tiles, tile_sides
 from tests.service.face.conftest import Pixels
 from tests.service.face.geometry import inter_ocular, rms
 

@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.face.face import Face
-from service.face.finder import FaceFinder
+from service.face.finder import Face, FaceFinder
 from service.face.identity import (
     PADDING,
     SAME_PERSON,

@@ -5,11 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.face.detector import Detection
-from service.face.face import Face
-from service.face.finder import CONSISTENT, FaceFinder
-from service.face.landmarks import Mesh, MeshNetwork, locate
-from service.face.topology import MIRROR
+from service.face.detection import MIRROR, Detection, Mesh, MeshNetwork, locate
+from service.face.finder import CONSISTENT, Face, FaceFinder
 from tests.service.face.conftest import Pixels
 from tests.service.face.geometry import rms
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.face.detector import Detection
-from service.face.face import Face
-from service.face.finder import FaceFinder
-from service.face.fit.basis import LandmarkModel
+from service.face.detection import Detection
+from service.face.finder import Face, FaceFinder
+from service.face.fit.landmark_fit import LandmarkModel
 from service.face.profile import CROP, faces_by_reading, look
 from service.face.reading.reader import ReaderNetwork, Reading
 from service.face.region import Region

@@ -13,10 +13,10 @@ import pytest
 
 from service.errors import CorruptImage, FitFailed, NoFace, Strangers, UnreadableInput, UsageError
 from service.face import several
-from service.face.face import Face
-from service.face.fit.settings import FitSettings
+from service.face.finder import Face
+from service.face.fit.fit import FitSettings
+from service.face.reading.reader import View
 from service.face.several import Gathered, apart_from_most, check_count, decoded, fitted, of_one_person, smaller
-from service.face.view import View
 from service.photo.photo import Photo
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from service.errors import NumericFault
 from service.geometry.chart import Chart
-from service.geometry.mesh_field import laplacian, smooth_fit, splat
+from service.geometry.mesh import laplacian, smooth_fit, splat
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(24, 48)

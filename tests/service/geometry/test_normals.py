@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from service.geometry.normals import normalise, vertex_normals
+from service.geometry.mesh import normalise, vertex_normals
 
 
 def test_sphere_normals_are_its_positions() -> None:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from service.arrays import Float64, Int64
-from service.geometry.normals import face_normals
-from service.geometry.subdivide import Subdivision, clipped, split_in_four
+from service.geometry.mesh import face_normals
+from service.geometry.remesh import Subdivision, clipped, split_in_four
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 CUBE_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])

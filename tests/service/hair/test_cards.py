@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from service.colour import bytes_to_linear
-from service.geometry.normals import face_normals
+from service.geometry.mesh import face_normals
 from service.hair.atlas import Cells, cell_corners
 from service.hair.cards import CUTOFF, PARTS, Body, Budget, hair_parts, kmeans, on_hairline
 from service.hair.groom import Groom, make_groom

@@ -11,9 +11,8 @@ from service.arrays import Float32, UInt8
 from service.errors import NumericFault
 from service.face.finder import FaceFinder
 from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, PARTS
-from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import CELLS as READER_CELLS
-from service.face.reading.reader import PART_CELLS, Reading, crop_of
+from service.face.reading.reader import PART_CELLS, Readers, Reading, crop_of, read_face
 from service.face.region import Region
 from service.hair.kinds import KINDS
 from service.hair.reading import CELLS, SIDE, HairNetwork, Said, finer, orientation, read_hair, region_of, together

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.errors import UsageError
-from service.light import environment, harmonics
+from service.light import environment, formulas
 from service.light.environment import (
     flux_by_direction,
     pixel_directions,
@@ -103,8 +103,8 @@ def test_harmonics_give_the_irradiance_of_smooth_light() -> None:
     normals = spread_directions(20)
     cosine = np.maximum(np.einsum("hwx,nx->nhw", directions, normals), 0.0) * pixel_solid_angles(64, 128)
     wanted = np.einsum("nhw,hwc->nc", cosine, sky)
-    np.testing.assert_allclose(harmonics.irradiance(harmonics.project(sky), normals), wanted, rtol=5e-3)
-    basis = harmonics.basis(directions) * np.sqrt(pixel_solid_angles(64, 128))[..., None]
+    np.testing.assert_allclose(formulas.irradiance(formulas.project(sky), normals), wanted, rtol=5e-3)
+    basis = formulas.basis(directions) * np.sqrt(pixel_solid_angles(64, 128))[..., None]
     gram = np.einsum("hwi,hwj->ij", basis, basis)
     np.testing.assert_allclose(gram, np.eye(9), atol=5e-3)
 

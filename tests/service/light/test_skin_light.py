@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from service.geometry.normals import normalise
-from service.light.harmonics import BAND_GAIN, estimate_light, gradient, sh_basis
+from service.geometry.mesh import normalise
+from service.light.formulas import BAND_GAIN, estimate_light, gradient, sh_basis
 
 RNG = np.random.default_rng(5)
 

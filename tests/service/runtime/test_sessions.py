@@ -205,7 +205,7 @@ ROOT = Path(__file__).parents[3]
 
 SILENT = """
 import os
-from service.face.detector import Detector
+from service.face.detection import Detector
 Detector()
 handles = [f"/proc/self/fd/{handle}" for handle in os.listdir("/proc/self/fd")]
 links = [os.readlink(handle) for handle in handles if os.path.exists(handle)]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.face.reading.part_labels import BACKGROUND, PARTS
 from service.face.reading.part_labels import SKIN as SKIN_PART
 from service.face.reading.reader import CELLS, PART_CELLS, Reading

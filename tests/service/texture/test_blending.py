@@ -6,13 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from service.face.face import Face
-from service.face.fit.result import Fit
-from service.face.view import View
+from service.face.finder import Face
+from service.face.fit.fit import Fit
+from service.face.reading.reader import View
 from service.geometry.chart import Chart
 from service.map_registry import SEEN
-from service.texture.texture import make_texture
-from service.texture.texture_maps import Texture
+from service.texture.texture import Texture, make_texture
 from tests.service.texture.scenes import SKIN, bare, checks, fitted, photograph, plain, turned
 from tests.toyhead import sphere_head
 

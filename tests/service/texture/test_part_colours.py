@@ -9,10 +9,10 @@ from service.anatomy.eye_painting import lid_shade, on_eyeball, paint_eye, sight
 from service.anatomy.mouth_painting import TONGUE
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.features.eye_colours import IRIS, SCLERA
-from service.face.features.teeth import TOOTH
+from service.face.features.mouth import TOOTH
 from service.geometry.chart import Chart
 from service.texture.part_colours import LightOnParts
-from service.texture.texture_maps import depth_map, shape_normals
+from service.texture.texture import depth_map, shape_normals
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(24, 48)

@@ -17,8 +17,7 @@ from service.texture import photo_sampling
 from service.texture.photo_detail import OwnDetail, PhotoDetail, own_texture_of
 from service.texture.photo_sampling import Reader, joined_octaves, split_octaves
 from service.texture.sharpness import LEAST_BLUR, Sharpness
-from service.texture.texture import make_texture
-from service.texture.texture_maps import Texture
+from service.texture.texture import Texture, make_texture
 from tests.service.texture.scenes import SKIN, Array, bare, fitted, photograph, plain, turned
 from tests.toyhead import sphere_head
 

@@ -29,10 +29,8 @@ from service.face.region import Region
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.map_registry import SEEN
-from service.texture.segmentation import Zones, covered, parts_at, segment, worn_before
-from service.texture.texture import make_texture
-from service.texture.texture_maps import Texture
-from service.texture.unwrap import unwrap
+from service.texture.texture import Texture, make_texture
+from service.texture.unwrap import Zones, covered, parts_at, segment, unwrap, worn_before
 from tests.service.texture.scenes import SKIN as TONE
 from tests.service.texture.scenes import fitted, photograph, plain, read_off, turned
 

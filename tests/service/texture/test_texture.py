@@ -13,8 +13,7 @@ from service.face.reading.part_labels import SKIN as SKIN_READ
 from service.geometry.chart import Chart, mirrored_map
 from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
-from service.texture.texture import make_texture
-from service.texture.texture_maps import Texture
+from service.texture.texture import Texture, make_texture
 from tests.service.texture.scenes import SKIN, checks, fitted, one_sided_light, photograph, plain, read_off, turned
 from tests.toyhead import SKIN_U, sphere_head
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.light.environment import pixel_directions
-from service.light.harmonics import basis
+from service.light.formulas import basis
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 

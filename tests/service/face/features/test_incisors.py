@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service.face.features.teeth import MOST_DROP_M, ROW, teeth_drop
+from service.face.features.mouth import MOST_DROP_M, ROW, teeth_drop
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
 from tests.service.face.geometry import FOCAL, VIEW

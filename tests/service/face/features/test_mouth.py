@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.face.features.mouth import UNITS, lips_on_rim, with_mouth_shut
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.head.regions import lip_edges

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from service.colour import linear_to_srgb, to_bytes
-from service.face.features.eye_colours import SCLERA
-from service.face.features.eyes import Gaze
-from service.face.features.iris import Iris
-from service.face.features.white_reference import (
+from service.face.features.eye_colours import (
     BEST_LIT,
     BETWEEN_LIDS,
     BRIGHTEST_TOLD,
     FAIREST,
     MOST_RAISED,
+    SCLERA,
     sclera_light,
 )
+from service.face.features.eyes import Gaze
+from service.face.features.iris import Iris
 
 SKIN = np.array([0.12, 0.055, 0.035])
 MEAN = BETWEEN_LIDS / BEST_LIT

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.colour import linear_to_srgb, to_bytes
-from service.face.features.teeth import TOOTH, measure_teeth, teeth_light
+from service.face.features.mouth import TOOTH, measure_teeth, teeth_light
 
 RIM = np.array([[20, 30], [40, 20], [60, 18], [80, 20], [100, 30], [80, 42], [60, 45], [40, 42]], float)
 SKINS = {"dark": [0.12, 0.055, 0.035], "brown": [0.30, 0.17, 0.11], "light": [0.55, 0.36, 0.27]}

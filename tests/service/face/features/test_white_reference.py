@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from service.colour import LUMA
-from service.face.features.teeth import TOOTH, measure_teeth
-from service.face.features.white_reference import (
+from service.face.features.eye_colours import (
     BETWEEN_LIDS,
     CHEEKS,
     RANGE,
@@ -15,6 +14,7 @@ from service.face.features.white_reference import (
     light_from_sclera_and_teeth,
     palest,
 )
+from service.face.features.mouth import TOOTH, measure_teeth
 from tests.service.face.features.test_sclera import MEAN, photo_of
 from tests.service.face.features.test_teeth import RIM, SKINS, mouth
 

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 from benchmarks.states import openings_mm
-from service.face.face import Face
-from service.face.finder import FaceFinder
+from service.face.finder import Face, FaceFinder
+from service.face.fit.fit import Fit
 from service.face.fit.fit_face import fit_face
-from service.face.fit.result import Fit
 from service.face.profile import faces_by_reading
 from service.face.reading.part_labels import BEARD, GLASSES, HAIR, HAT, OTHER, SKIN
-from service.face.reading.read import Readers, read_face
-from service.face.reading.reader import Reading
+from service.face.reading.reader import Readers, Reading, read_face
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.gate import read_photo

@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 
 from service.arrays import Float64
-from service.face.face import Face
-from service.face.fit.basis import RIGID, LandmarkModel, extended, modes
+from service.face.finder import Face
 from service.face.fit.dense import DenseTerms, correspondences, normal_derivative
+from service.face.fit.fit import FitSettings
 from service.face.fit.fit_face import fit_face
-from service.face.fit.pose_state import POSE, State
-from service.face.fit.settings import FitSettings
-from service.face.reading.openings import EYE, STATIONS, Opening
+from service.face.fit.landmark_fit import RIGID, LandmarkModel, extended, modes
+from service.face.fit.solver import POSE, State
+from service.face.reading.openings import EYE, STATIONS, Opening, Scores
 from service.face.reading.part_labels import PARTS, SKIN
 from service.face.reading.reader import CELLS, PART_CELLS, Reading, crop_of
-from service.face.reading.scores import Scores
 from service.geometry.camera import Camera, ahead, exp_rotation
-from service.geometry.normals import area_normals, normalise
+from service.geometry.mesh import area_normals, normalise
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 from service.head.regions import lid_edges

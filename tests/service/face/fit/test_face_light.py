@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service.face.fit.face_light import Softened
+from service.face.fit.outline import Softened
 
 
 @pytest.mark.parametrize("sigma", [0.1, 2.0, 9.0, 40.0, 1e6])

@@ -7,12 +7,12 @@ import pytest
 
 from service.colour import linear_to_srgb, to_bytes
 from service.errors import FitFailed, UsageError
-from service.face.face import Face
-from service.face.fit.basis import LandmarkModel
+from service.face.finder import Face
+from service.face.fit.fit import FitSettings
 from service.face.fit.fit_face import as_seen_side, fit_face
-from service.face.fit.settings import FitSettings
+from service.face.fit.landmark_fit import LandmarkModel
 from service.geometry.camera import Camera, exp_rotation
-from service.geometry.normals import vertex_normals
+from service.geometry.mesh import vertex_normals
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 from service.photo.photo import Photo

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from service.face.fit.pose_state import State
-from service.face.fit.solver import PointTerm, Prior, System, Term, energy
+from service.face.fit.solver import PointTerm, Prior, State, System, Term, energy
 from service.geometry.camera import exp_rotation
 
 COUNT, SHAPES = 12, 5

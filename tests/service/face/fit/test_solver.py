@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from service.face.fit.pose_state import POSE, State, weak_pose
-from service.face.fit.solver import Damping, PointTerm, Prior, System, minimise, solve_step
+from service.face.fit.solver import POSE, Damping, PointTerm, Prior, State, System, minimise, solve_step, weak_pose
 from service.geometry.camera import exp_rotation
 
 RNG = np.random.default_rng(3)

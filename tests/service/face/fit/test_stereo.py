@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from service.arrays import Float64, UInt8
-from service.face.fit.basis import LandmarkModel
-from service.face.fit.pose_state import POSE, State, project_points
-from service.face.fit.solver import System
+from service.face.fit.landmark_fit import LandmarkModel
+from service.face.fit.solver import POSE, State, System, project_points
 from service.face.fit.stereo import Picture, pairs, stereo_terms, tracks
 from service.geometry.camera import exp_rotation
 from service.geometry.raster import rasterise

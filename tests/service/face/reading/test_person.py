@@ -9,8 +9,18 @@ import pytest
 
 from service.errors import NumericFault
 from service.face.reading.part_labels import BACKGROUND, CLOTH, HAIR, OTHER, PARTS, SKIN
-from service.face.reading.person import LEAST_RATE, SIDE, PersonNetwork, error_rates, weigh_parts, with_person
-from service.face.reading.reader import CELLS, PART_CELLS, Reading, parts_at_pixels
+from service.face.reading.reader import (
+    CELLS,
+    LEAST_RATE,
+    PART_CELLS,
+    PERSON_SIDE,
+    PersonNetwork,
+    Reading,
+    error_rates,
+    parts_at_pixels,
+    weigh_parts,
+    with_person,
+)
 from service.face.region import Region
 
 PIXELS = np.zeros((400, 400, 3), np.uint8)
@@ -24,7 +34,7 @@ class Mask:
 
     def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
         self.seen.append(inputs["image"])
-        return [self.person.astype(np.float32).reshape(1, SIDE, SIDE, 1)]
+        return [self.person.astype(np.float32).reshape(1, PERSON_SIDE, PERSON_SIDE, 1)]
 
 
 class Faulty:
@@ -52,7 +62,7 @@ def reading(side: float, around: Reading | None = None) -> Reading:
 
 def disc(radius: float, side: float = 200.0) -> np.ndarray:
     """A person round the middle of a crop, radius in photo pixels."""
-    at = (np.arange(SIDE) + 0.5 - SIDE / 2) * side / SIDE
+    at = (np.arange(PERSON_SIDE) + 0.5 - PERSON_SIDE / 2) * side / PERSON_SIDE
     return np.hypot(*np.meshgrid(at, at)) < radius
 
 
@@ -74,7 +84,7 @@ def test_what_is_surely_background_is_no_hair_in_either_crop() -> None:
 def test_a_network_that_sees_the_same_everywhere_changes_nothing(value: float) -> None:
     """It took away whole people to whom it is blind, the parts times its mask: paintings, black masks."""
     before = reading(150, reading(200))
-    after = with_person(PIXELS, before, network(np.full((SIDE, SIDE), value)))
+    after = with_person(PIXELS, before, network(np.full((PERSON_SIDE, PERSON_SIDE), value)))
     assert after.around is not None and before.around is not None
     np.testing.assert_allclose(after.parts, before.parts, atol=1e-6)
     np.testing.assert_allclose(after.around.parts, before.around.parts, atol=1e-6)
@@ -82,7 +92,7 @@ def test_a_network_that_sees_the_same_everywhere_changes_nothing(value: float) -
 
 def test_who_is_missed_in_the_face_is_believed_less_beside_it() -> None:
     """Half of the face is missed: so may be the hair."""
-    half = disc(60) & (np.arange(SIDE) < SIDE / 2)[:, None]
+    half = disc(60) & (np.arange(PERSON_SIDE) < PERSON_SIDE / 2)[:, None]
     at = np.array([[110.0, 200.0]])
     sure, unsure = (
         parts_at_pixels(with_person(PIXELS, reading(200), network(mask)), at)[0, HAIR] for mask in (disc(60), half)
@@ -126,7 +136,8 @@ def test_the_network_sees_the_wider_crop_in_its_own_range() -> None:
     mask = Mask(disc(60))
     with_person(np.full((400, 400, 3), 255, np.uint8), reading(150, reading(200)), PersonNetwork(mask))  # type: ignore[arg-type]
     (image,) = mask.seen
-    assert image.shape == (1, SIDE, SIDE, 3) and image.dtype == np.float32 and image.min() == image.max() == 1.0
+    assert image.shape == (1, PERSON_SIDE, PERSON_SIDE, 3) and image.dtype == np.float32
+    assert image.min() == image.max() == 1.0
 
 
 def test_the_shipped_network_finds_the_astronaut() -> None:
@@ -134,5 +145,5 @@ def test_the_shipped_network_finds_the_astronaut() -> None:
 
     x0, y0, x1, y1 = SAMPLE_FACE
     seen = PersonNetwork()(sample_photo(), Region((x0 + x1) / 2, (y0 + y1) / 2 + 30, 320.0))
-    assert seen.shape == (SIDE, SIDE) and seen[120:136, 120:136].min() > 0.9, "the face"
+    assert seen.shape == (PERSON_SIDE, PERSON_SIDE) and seen[120:136, 120:136].min() > 0.9, "the face"
     assert seen.min() >= 0 and seen.max() <= 1 and seen[:40, :40].max() < 0.1, "the corner behind it"

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.face.reading.openings import OpeningsNetwork
+from service.face.reading.openings import Landmarker, OpeningsNetwork
 from service.face.reading.part_labels import BACKGROUND, HAIR, PARTS, SKIN
-from service.face.reading.person import PersonNetwork
-from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import (
     CELLS,
     FILL,
     PART_CELLS,
+    PersonNetwork,
     ReaderNetwork,
+    Readers,
     Reading,
     crop_of,
     parts_at_pixels,
+    read_face,
 )
-from service.face.reading.scores import Landmarker
 from service.face.region import Region
 from service.geometry.camera import ahead, exp_rotation
 from tests.service.face.geometry import oval

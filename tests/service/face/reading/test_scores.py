@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.face.landmarks import face_square
-from service.face.reading.scores import NAMES, POINTS, SIDE, SUBSET, Landmarker
+from service.face.detection import face_square
+from service.face.reading.openings import NAMES, POINTS, SCORED_SIDE, SUBSET, Landmarker
 from tests.service.face.geometry import oval
 
 
@@ -13,8 +13,8 @@ class Points:
     """Finds all points in the middle of the crop."""
 
     def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
-        assert inputs["image"].shape == (1, SIDE, SIDE, 3)
-        return [np.tile([SIDE / 2, SIDE / 2, 0.0], POINTS).astype(np.float32), np.zeros(1, np.float32)]
+        assert inputs["image"].shape == (1, SCORED_SIDE, SCORED_SIDE, 3)
+        return [np.tile([SCORED_SIDE / 2, SCORED_SIDE / 2, 0.0], POINTS).astype(np.float32), np.zeros(1, np.float32)]
 
 
 class Rising:

@@ -7,7 +7,7 @@ import pytest
 
 from service.reflectance.albedo.light_corrections import ChartLight
 from service.reflectance.albedo.several_lights import agreed_light
-from service.texture.texture_maps import PhotoTexture
+from service.texture.texture import PhotoTexture
 
 SHAPE = (48, 64)
 RNG = np.random.default_rng(0)

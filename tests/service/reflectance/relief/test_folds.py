@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.face.fit.result import Fit
+from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.reflectance.reflectance_maps import NORMAL_ONE
