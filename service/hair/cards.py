@@ -75,6 +75,10 @@ COPIES = 3
 """Single hairs for each strand on the hairline."""
 HAIR_M = 0.0007
 """Half width of the ribbon of a single hair; its texture shows one to three."""
+ROOTS_ROUND, THIN_M = 16, 0.012
+"""Roots whose mean distance tells how densely hair grows at a place, and the distance from which on it is bare."""
+FULL = (1.35, 2.2)
+"""That distance, over the usual one, up to which roots cover the scalp, and from which on they do not."""
 CAP_M = 0.0007
 """Height of the cap over the scalp."""
 CUTOFF = 0.35
@@ -295,9 +299,7 @@ def _between(lines: Float32, at: AnyFloat) -> Float32:
     return np.asarray(lines[:, low] * (1 - part) + lines[:, np.minimum(low + 1, lines.shape[1] - 1)] * part, np.float32)
 
 
-def _single_hairs(
-    groom: Groom, edge: Bool, rows: int, budget: int, body: Body, rng: np.random.Generator
-) -> Ribbons:
+def _single_hairs(groom: Groom, edge: Bool, rows: int, budget: int, body: Body, rng: np.random.Generator) -> Ribbons:
     """Narrow ribbons along strands: those of the hairline several times, and some of what is seen of the rest."""
     most = max(budget // (2 * rows), 1)
     own = np.flatnonzero(edge)
@@ -379,9 +381,11 @@ def _cap(groom: Groom, scalp: Scalp) -> tuple[Float32, Float32, Float32, Int32]:
     corners = scalp.corners.reshape(-1, 3)
     _, first, same = np.unique(np.round(corners, 6), axis=0, return_index=True, return_inverse=True)
     points, normals = corners[first], scalp.normals.reshape(-1, 3)[first]
-    apart, _ = cKDTree(groom.strands[:, 0]).query(points, k=min(8, len(groom)))
-    usual = 0.004 * np.sqrt(10_000 / max(len(groom), 1))
-    cover = np.clip(1.6 - np.asarray(apart).reshape(len(points), -1).mean(1) / max(usual, 0.004) * 0.8, 0, 1)
+    apart, _ = cKDTree(groom.strands[:, 0]).query(points, k=min(ROOTS_ROUND, len(groom)))
+    mean = np.asarray(apart).reshape(len(points), -1).mean(1)
+    usual = float(np.median(mean[mean < THIN_M])) if (mean < THIN_M).any() else THIN_M
+    thick, thin = FULL
+    cover = np.clip((thin - mean / max(usual, 1e-4)) / (thin - thick), 0, 1)
     faces = same.reshape(-1, 3).astype(np.int32)
     faces = faces[(cover[faces] > 0.02).any(1)]
     return (points + np.float32(CAP_M) * normals).astype(np.float32), normals, cover.astype(np.float32), faces

@@ -120,6 +120,7 @@ def find_hair(
 
 def _unnoticed(kinds: dict[str, float], sight: Sight, skin: Scalp, seed: int) -> Style:
     """The named style that shows least where the photo shows no hair, and the likelier the better."""
+
     def shows(style: Style) -> float:
         mask = sight.drawn(make_groom(style, seed, 600, skin).strands).mask
         bare = float((mask * sight.bare).sum() / max(float(mask.sum()), 1.0))

@@ -36,6 +36,10 @@ SIDES_RAD = 0.85
 """Azimuth at which front becomes side; side becomes back at pi minus it."""
 
 
+NAPE_M = (-0.095, -0.06)
+"""Heights in the head's frame up to which nothing grows on the nape, and from which on hair is full; fluff between."""
+
+
 def grown(roots: Roots, style: Style, rng: np.random.Generator) -> Roots:
     """Roots that this style's hairline, temples and crown leave."""
     azimuth, elevation = roots.azimuth, roots.elevation
@@ -46,6 +50,7 @@ def grown(roots: Roots, style: Style, rng: np.random.Generator) -> Roots:
     wander = sum(np.sin(k * azimuth + p) / k for k, p in zip((3, 5, 9), phase, strict=True))
     keep = roots.edge + style.hairline * (0.15 * wander - 0.1)
     keep = keep - style.receding * (1.8 * temples + 0.7 * forehead) - style.crown * 1.6 * crown
+    keep = keep - _step(NAPE_M[1], NAPE_M[0], roots.position[:, 1] + 0.004 * wander)
     return roots.chosen(keep > rng.uniform(-0.02, 0.22, len(roots)))
 
 
@@ -301,7 +306,12 @@ def _gathered(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.
 
 
 def _tail(
-    style: Style, start: Float32, outward: Float32, spread: Float32, length: Float32, skin: Scalp,
+    style: Style,
+    start: Float32,
+    outward: Float32,
+    spread: Float32,
+    length: Float32,
+    skin: Scalp,
     rng: np.random.Generator,
 ) -> Float32:
     """(N, 40, 3) what comes after the tie: hanging, wound to a bun, or plaited."""

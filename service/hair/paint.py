@@ -39,9 +39,7 @@ DARKEST, BRIGHTEST = 0.006, 0.75
 """Range of linear luminance of hair: what a photo shows darker lies in shadow."""
 
 
-def painted(
-    photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, skin: Float32, seed: int
-) -> HairColour:
+def painted(photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, skin: Float32, seed: int) -> HairColour:
     """Colours of strands in the photo's light.
 
     Args:

@@ -111,25 +111,34 @@ class Scalp:
         return cls(points[own], normal[own], mask[own].astype(np.float32), uv, _distances(points[outer]))
 
     def roots(self, count: int, rng: np.random.Generator, least: float = EDGE) -> Roots:
-        """``count`` random roots where hair grows: more of them where the mask is surer, none below ``least`` of it."""
-        area = np.linalg.norm(
-            np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]), axis=1
-        )
-        chance = area * self.grows.mean(1)
-        found: list[tuple[Float32, ...]] = []
-        wanted = count
-        while wanted > 0:
-            triangle = rng.choice(len(area), 2 * wanted + 64, p=chance / chance.sum())
-            weight = rng.dirichlet(np.ones(3), len(triangle)).astype(np.float32)[..., None]
-            grows = (self.grows[triangle] * weight[..., 0]).sum(1)
-            kept = np.flatnonzero(grows > least)[:wanted]
-            position = (self.corners[triangle[kept]] * weight[kept]).sum(1)
-            normal = (self.normals[triangle[kept]] * weight[kept]).sum(1)
-            edge = np.clip((grows[kept] - least) / max(1.0 - least, 1e-3), 0, 1)
-            uv = (self.uv[triangle[kept]] * weight[kept]).sum(1)
-            found.append((position, _unit(normal), edge.astype(np.float32), uv.astype(np.float32)))
-            wanted -= len(kept)
-        return Roots(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+        """``count`` roots where hair grows, in random order: more where the mask is surer, none below ``least`` of it.
+
+        Raises:
+            ValueError: hair grows nowhere.
+        """
+        if not (self.grows > least).any():
+            raise ValueError(f"hair grows nowhere: the scalp's mask is at most {self.grows.max(initial=0):.2f}")
+        edges = self.corners[:, 1:] - self.corners[:, :1]
+        chance = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) * self.grows.mean(1)
+        drawn, made = count, self._spread(count, chance, rng, least)
+        while len(made) < count:  # some fall on bare skin
+            drawn = int(drawn * min(1.02 * count / max(len(made), 1), 4.0)) + 8
+            made = self._spread(drawn, chance, rng, least)
+        return made.chosen(rng.permutation(len(made))[:count])
+
+    def _spread(self, count: int, chance: Float32, rng: np.random.Generator, least: float) -> Roots:
+        """Roots of ``count`` places that are spread evenly, by chance of the triangles, less those on bare skin."""
+        # As many in each triangle as it is due, and there by a low-discrepancy sequence: no clumps, no gaps.
+        due = np.cumsum(chance / chance.sum()) * count
+        triangle = np.minimum(np.searchsorted(due, np.arange(count) + rng.random()), len(due) - 1)
+        weight = _folded(np.arange(count) + rng.integers(1 << 20))[..., None]
+        grows = (self.grows[triangle] * weight[..., 0]).sum(1)
+        kept = np.flatnonzero(grows > least)
+        own, weight = triangle[kept], weight[kept]
+        position, normal = ((values[own] * weight).sum(1) for values in (self.corners, self.normals))
+        edge = np.clip((grows[kept] - least) / max(1.0 - least, 1e-3), 0, 1)
+        uv = (self.uv[own] * weight).sum(1)
+        return Roots(position, _unit(normal), edge.astype(np.float32), uv.astype(np.float32))
 
     @cached_property
     def even(self) -> Roots:
@@ -237,11 +246,15 @@ def _dense(triangles: Float32) -> tuple[Float32, Float32]:
     triangles, across, area = triangles[area > 1e-12], across[area > 1e-12], area[area > 1e-12]
     count = np.maximum(1, np.ceil(area / 2 / SPACING_M**2)).astype(int)
     index = np.repeat(np.arange(len(triangles)), count)
-    # A low-discrepancy sequence (R2) in the square, folded into the triangle.
     order = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+    weight = _folded(order)
+    points = (triangles[index] * weight[..., None]).sum(1)
+    return points.astype(np.float32), _unit(across[index] / area[index, None])
+
+
+def _folded(order: Int64) -> Float32:
+    """(N, 3) barycentric weights of members of the low-discrepancy sequence R2, folded from the square."""
     u, v = (0.5 + order * 0.7548776662466927) % 1.0, (0.5 + order * 0.5698402909980532) % 1.0
     flip = u + v > 1.0
     u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
-    a, b, c = np.moveaxis(triangles[index], 1, 0)
-    points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-    return points.astype(np.float32), _unit(across[index] / area[index, None])
+    return np.stack([1 - u - v, u, v], 1).astype(np.float32)

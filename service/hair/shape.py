@@ -112,6 +112,7 @@ def thickness_m(sight: Sight) -> float | None:
 
 def _rays(sight: Sight) -> tuple[Float64, float, float, Float64] | None:
     """Middle of the head in cells, the angle of upwards, cells a metre, and the same of both axes of the camera."""
+
     def at(point: Float64) -> Float64:
         return np.asarray(sight.project(point[None])[0][0], np.float64)
 
@@ -143,9 +144,7 @@ def _reaches(
     return ends[0], ends[1], np.asarray(trust, np.float64)
 
 
-def _differences(
-    centre: Float64, upwards: float, scale: float, mask: Float32, sight: Sight
-) -> tuple[Float64, Float64]:
+def _differences(centre: Float64, upwards: float, scale: float, mask: Float32, sight: Sight) -> tuple[Float64, Float64]:
     """(RAYS,) cells by which the photo's hair reaches beyond the groom's, smoothed, and how far the groom's reaches."""
     hair, style, trust = _reaches(centre, upwards, scale, mask, sight)
     difference = np.clip(hair - style, -FARTHEST_M[0] * scale, FARTHEST_M[1] * scale)

@@ -56,7 +56,10 @@ _RANGES: Mapping[str, tuple[float, float]] = {
     "lock_mm": (0.5, 100), "cut_y": (-1, 0.2), "tie_y": (-0.2, 0.2),
 }  # fmt: skip
 _CHOICES: Mapping[str, tuple[str, ...]] = {
-    "parting": get_args(Parting), "combing": get_args(Combing), "curl": get_args(Curl), "gather": get_args(Gather)
+    "parting": get_args(Parting),
+    "combing": get_args(Combing),
+    "curl": get_args(Curl),
+    "gather": get_args(Gather),
 }
 
 

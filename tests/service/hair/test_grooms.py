@@ -128,3 +128,21 @@ def test_the_picture_tells_where_hair_is_and_which_way_it_runs() -> None:
     assert picture.direction[there][:, 1].mean() > 0.6, "a bob seen from behind hangs down"
     size = np.linalg.norm(picture.direction, axis=2)
     assert np.all((np.abs(size - 1) < 1e-3) | (size == 0)) and np.isfinite(picture.colour).all()
+
+
+def test_roots_lie_evenly() -> None:
+    """Random roots would leave spots of bare skin: there a disc of 5 mm holds a third less or more than usual."""
+    from scipy.spatial import cKDTree
+
+    skin = mean_scalp()
+    roots = skin.roots(10_000, np.random.default_rng(5))
+    inner = roots.position[roots.edge > 0.95]
+    count = cKDTree(roots.position).query_ball_point(inner, 0.005, return_length=True)
+    assert count.std() / count.mean() < 0.6 / np.sqrt(count.mean())  # of a Poisson process: 1 / sqrt(mean)
+
+
+def test_a_scalp_on_which_nothing_grows_is_refused() -> None:
+    """Else the search for roots would not end."""
+    skin = mean_scalp()
+    with pytest.raises(ValueError, match="grows nowhere"):
+        dataclasses.replace(skin, grows=0 * skin.grows).roots(10, np.random.default_rng(0))
