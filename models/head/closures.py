@@ -18,6 +18,7 @@ from models.head.freed import freed
 from models.head.lids import close
 from models.head.lining import clear_of_teeth
 from models.head.lips import TONGUE_JAW, find_lips, seal
+from models.head.mimic import mended
 from models.head.settle import part_members
 from models.head.tongue import over_the_teeth
 from service.anatomy.mouth_meshes import read_insets
@@ -60,7 +61,7 @@ def closing(bases: Bases, head: HeadModel) -> Bases:
         np.stack([_evened(new, old, mirror) for new, old in zip(out.identity, bases.identity, strict=True)]),
         0.5 * (out.expression + out.expression[partners][:, mirror] * flip),
     )
-    return over_the_teeth(evened, members, np.unique(quads), head.expression_names)
+    return mended(over_the_teeth(evened, members, np.unique(quads), head.expression_names), head)
 
 
 def _evened(component: Float, before: Float, mirror: Int) -> Float:

@@ -132,7 +132,7 @@ def close(
     for side, ball in balls.items():
         lids = find_lids(bases.mean, quads, regions, side)
         identity = np.stack([lids.alike(component) for component in identity])
-        globe = _Globe.of(bases.mean[ball])
+        globe = Globe.of(bases.mean[ball])
         mean[skin] += globe.outwards(mean[skin], edges)
         blink = expression_names.index(f"eyeBlink{side.capitalize()}")
         expression[blink] = lids.blink(mean, expression[blink])
@@ -153,9 +153,9 @@ def close(
                 unit[skin] += globe.outwards(mean[skin] + share * unit[skin], edges) / share
         # Rigid in the mean, the same motions are a little off in other heads, so the worst of some decides.
         spread = [np.einsum("k,kvc->vc", head, identity) for head in heads]
-        globes = [_Globe.of((bases.mean + other)[ball]) for other in spread]
+        globes = [Globe.of((bases.mean + other)[ball]) for other in spread]
 
-        def lack(moved: Float, spread: list[Float] = spread, globes: list[_Globe] = globes) -> Float:
+        def lack(moved: Float, spread: list[Float] = spread, globes: list[Globe] = globes) -> Float:
             each = [one.outwards((moved + other)[skin], edges) for one, other in zip(globes, spread, strict=True)]
             worst = np.linalg.norm(each, axis=2).argmax(0)
             return np.asarray(each)[worst, np.arange(len(skin))]
@@ -194,14 +194,15 @@ def find_lids(mean: Float, quads: Int, regions: dict[str, Float], side: str) -> 
 
 
 @dataclass(frozen=True)
-class _Globe:
+class Globe:
     """An eyeball: centre (3,) and radius in metres."""
 
     centre: Float
     radius: float
 
     @classmethod
-    def of(cls, points: Float) -> _Globe:
+    def of(cls, points: Float) -> Globe:
+        """The sphere that fits points (N, 3) best."""
         system = np.c_[2 * points, np.ones(len(points))]
         fit = np.linalg.lstsq(system, (points**2).sum(1), rcond=None)[0]
         return cls(fit[:3], float(np.sqrt(fit[3] + fit[:3] @ fit[:3])))
