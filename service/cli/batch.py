@@ -8,16 +8,17 @@ import re
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.batch.display import display, printable
-from service.batch.driver import SHOWN, Tally, Wanted, run
-from service.batch.groups import GROUPS, grouped
-from service.batch.plan import REPORT
 from service.cli.failures import INTERRUPTED, describe
+from service.cli.files import head_file
+from service.cli.flags import AVATAR, Head, Json, asked, with_flags
 from service.errors import UsageError
+
+if TYPE_CHECKING:
+    from service.batch.driver import Tally, Wanted
 
 KEY = "AVATARME_API_KEY"
 """Variable with the API key: what stands on a command line can be read by every user of the machine."""
@@ -26,49 +27,61 @@ SERVER_JOBS = 4
 """Photos at the same time at a server, which takes its time anyway."""
 
 
-def grouped_source(folder: str, by: str | None) -> str:
-    """The source whose photos are taken together by person.
-
-    Raises:
-        UsageError: ``by`` is no way to tell.
-    """
-    if by is not None and by not in GROUPS:
-        raise UsageError(f"group-by is {by!r}; it has to be {' or '.join(GROUPS)}", field="group_by")
-    return grouped(folder if "://" in folder else str(Path(folder).absolute()), by) if by else folder
-
-
+@with_flags(AVATAR)
 def batch(
-    folder: str, out: str, options: dict[str, Any], *, jobs: int | None, shard: str | None, head: str | None,
-    as_json: bool, **more: Any,
-) -> None:  # fmt: skip
-    """Make all photos of a place; print the path of the report, or the tally as one JSON object.
+    folder: Annotated[
+        str, typer.Argument(metavar="IN", help="Folder with photos, in folders of its own too, or s3://")
+    ],
+    out: Annotated[str, typer.Argument(metavar="OUT", help="Folder or s3:// for archives and report.jsonl.")],
+    server: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", envvar="AVATARME_SERVER", help="Server that makes them; its key: AVATARME_API_KEY."
+        ),
+    ] = None,
+    database: Annotated[
+        str, typer.Option(metavar="URL", help="Postgres of workers on other machines that make them.")
+    ] = "",
+    jobs: Annotated[
+        int | None, typer.Option(help="Photos at the same time. [default: 4, here one for two processors]")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the report in OUT.")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Look for new photos until Ctrl-C.")] = False,
+    group_by: Annotated[
+        str | None,
+        typer.Option(metavar="folder|prefix", help="One avatar of the photos in a folder, or of ada-1, ada-2 ..."),
+    ] = None,
+    shard: Annotated[
+        str | None, typer.Option(metavar="K/N", help="Only the K-th of N parts, for array jobs; then --resume merges.")
+    ] = None,
+    timeout: Annotated[float, typer.Option(metavar="SECONDS", help="Longest time of one photo.")] = 1800.0,
+    keep: Annotated[bool, typer.Option("--keep", help="Leave archives on the server until they expire.")] = False,
+    head: Head = None,
+    as_json: Json = False,
+    **flags: Any,
+) -> None:
+    """Make avatars of all photos in a folder or a store.
 
-    Args:
-        folder: with the photos.
-        out: for archives and report.
-        options: what was asked for, JSON values.
-        jobs: photos at the same time; None for 4 at a server, and here one for every two processors.
-        shard: "K/N" for one part of them only.
-        head: head model file; not at a server.
-        as_json: print JSON.
-        more: further members of :class:`Wanted`.
-
-    Raises:
-        UsageError: places, numbers or their combination cannot be right.
-        ServerUnreachable, AccessDenied: there is no way to the server.
-        typer.Exit: 1, some photo has no archive.
+    Takes the options of 'make' too. Prints the path of the report, which has one JSON object for each photo. Exit
+    status: 0 every photo has an archive, 1 some have not, 2 usage, 130 interrupted (go on with --resume).
     """
+    from service.batch import driver
+    from service.batch.display import display
+    from service.batch.plan import REPORT
+
     begin = time.perf_counter()
-    if head is not None:
-        options = {**options, "head": str(Path(head).absolute())}
-    wanted = Wanted(
-        source=folder, out=out, options=options, jobs=jobs or default_jobs(more["server"]), shard=_part(shard),
-        api_key=os.environ.get(KEY), **more,
+    options = {name: list(value) if isinstance(value, tuple) else value for name, value in asked(flags).items()}
+    if head_file(head) is not None:
+        options["head"] = str(Path(str(head)).absolute())
+    wanted = driver.Wanted(
+        source=grouped_source(folder, group_by), out=out, options=options, jobs=jobs or default_jobs(server),
+        shard=_part(shard), api_key=os.environ.get(KEY), server=server, database=database, resume=resume, watch=watch,
+        timeout_s=timeout, keep=keep,
     )  # fmt: skip
     _check(wanted, jobs, head)
     try:
         with display() as shown:
-            tally = run(wanted, shown)
+            tally = driver.run(wanted, shown)
     except KeyboardInterrupt as interruption:
         typer.echo("avatarme: interrupted; what is finished is in the report, go on with --resume", err=True)
         if as_json:
@@ -76,6 +89,19 @@ def batch(
         sys.stdout.flush()
         os._exit(INTERRUPTED)  # a thread that reads from a server must not keep the program alive
     _tell(tally, f"{out.rstrip('/')}/{REPORT}", time.perf_counter() - begin, as_json=as_json)
+
+
+def grouped_source(folder: str, by: str | None) -> str:
+    """The source whose photos are taken together by person.
+
+    Raises:
+        UsageError: ``by`` is no way to tell.
+    """
+    from service.batch.groups import GROUPS, grouped
+
+    if by is not None and by not in GROUPS:
+        raise UsageError(f"group-by is {by!r}; it has to be {' or '.join(GROUPS)}", field="group_by")
+    return grouped(folder if "://" in folder else str(Path(folder).absolute()), by) if by else folder
 
 
 def default_jobs(server: str | None) -> int:
@@ -110,11 +136,12 @@ def _check(wanted: Wanted, jobs: int | None, head: str | None) -> None:
         raise UsageError("--shard makes what is there now; --watch goes without it", field="watch")
     if wanted.server is None and wanted.keep:
         raise UsageError("--keep leaves archives on a server; name one with --server", field="keep")
-    if head is not None and not Path(head).is_file():
-        raise UsageError(f"there is no head model file {head}; docs/head-model.md says how one is made", field="head")
 
 
 def _tell(tally: Tally, report: str, seconds: float, *, as_json: bool) -> None:
+    from service.batch.display import printable
+    from service.batch.driver import SHOWN
+
     for line in tally.failures:
         typer.echo(printable(f"{line['path']}: {line['error']['code']}: {line['error']['message']}"), err=True)
     if tally.failed > SHOWN:

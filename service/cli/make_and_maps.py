@@ -10,46 +10,19 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from service.cli.files import check_paths, head_file, progress_bar, read_file
+from service.cli.flags import AVATAR, MAPS, Head, Json, asked, with_flags
 from service.errors import AvatarError, UnsupportedFormat, UsageError
-from service.hair.asked import parse_hair, parse_length
-from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size, parse_without
+from service.options import Options
 from service.photo.limits import PIPE, called, read_photo_file
 from service.photo.video import VideoLimits, is_video
 
 if TYPE_CHECKING:
     from service.archive.avatar import Avatar
-
-_PARSERS: dict[str, Callable[[str], Any]] = {
-    "maps": parse_maps,
-    "size": parse_size,
-    "texture_size": parse_texture_size,
-    "face": parse_face,
-    "without": parse_without,
-    "hair": parse_hair,
-    "hair_length": parse_length,
-}
-
-
-def asked(**flags: Any) -> dict[str, Any]:
-    """Fields of :class:`Options` whose flags were given (are not None).
-
-    Raises:
-        UsageError: a value is out of range or cannot be read.
-    """
-    given = {name: value for name, value in flags.items() if value is not None}
-    fields = {name: _PARSERS[name](value) if name in _PARSERS else value for name, value in given.items()}
-    Options(**fields)
-    return fields
-
-
-def as_json(fields: dict[str, Any]) -> dict[str, Any]:
-    """Fields of :class:`Options` as JSON values."""
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in fields.items()}
 
 
 def destination(sources: Sequence[str], output: str | None, *, as_json: bool) -> str:
@@ -66,36 +39,38 @@ def destination(sources: Sequence[str], output: str | None, *, as_json: bool) ->
     return output
 
 
+@with_flags(AVATAR)
 def make(
-    photos: Sequence[str], output: str | None, options: Options, *, video: str | None = None, head: str | None = None,
-    as_json: bool,
-) -> None:  # fmt: skip
-    """Read photos of one person, run the pipeline, write the archive, report the result.
+    photos: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="PHOTO...", help="1 to 24 photos of one person: JPEG, PNG, WebP, HEIC; - for a pipe."),
+    ] = None,
+    video: Annotated[
+        str | None, typer.Option(metavar="FILE", help="A video in which the person turns the head: MP4, MOV, WebM.")
+    ] = None,
+    output: Annotated[
+        str | None, typer.Option("-o", "--output", help="Archive to write, or - for a pipe. [default: beside PHOTO]")
+    ] = None,
+    head: Head = None,
+    as_json: Json = False,
+    **flags: Any,
+) -> None:
+    """Make an avatar from photos of one person, in any order.
 
-    Args:
-        photos: paths, or ``-`` for standard input.
-        output: path, ``-`` for standard output, or None for beside the first photo.
-        options: the request.
-        video: path of a video of the same person, or None.
-        head: path of a head model file, None for the shipped one.
-        as_json: print facts of the run as one JSON object instead of the path.
-
-    Raises:
-        UsageError: there is no head model file of that name, or neither photo nor video.
-        AvatarError: as the stages raise it.
+    Prints the path of the archive. Exit status: 0 done, 2 usage, 3 no usable face, 4 unreadable input, 1 anything else.
     """
-    begin = time.perf_counter()
-    if not photos and video is None:
+    begin, options = time.perf_counter(), Options(**asked(flags))
+    files = [*(photos or ()), *([] if video is None else [video])]
+    if not files:
         raise UsageError("there is no photo; name one or more of a person, or a video by --video", field="photos")
-    target = destination([*photos, *([video] if video else [])], output, as_json=as_json)
+    target = destination(files, output, as_json=as_json)
     model = head_file(head)
-    data = [read_photo_file(photo) for photo in photos]
+    data = [read_photo_file(photo) for photo in photos or ()]
     if video is not None:
         data.append(read_file(video, VideoLimits().max_bytes, "video"))
-        photos = [*photos, video]
         if not is_video(data[-1]):
             raise UnsupportedFormat(f"{called(video)} is no video that is read: MP4, QuickTime and WebM are")
-    with progress_bar() as progress, naming(photos):
+    with progress_bar() as progress, naming(files):
         # After the cheap checks, as importing the numeric libraries takes a large part of a second.
         from service.archive.pack import write_archive
         from service.pipeline import make_avatar
@@ -103,15 +78,10 @@ def make(
         avatar = make_avatar(data, options, progress, model)
         write_archive(avatar, sys.stdout.buffer if target == PIPE else Path(target))
     seconds = time.perf_counter() - begin
-    for code in avatar.all_warnings():
-        typer.echo(f"avatarme: warning: {code}", err=True)
-    names = {hashlib.sha256(content).hexdigest(): called(photo) for content, photo in zip(data, photos, strict=True)}
+    names = {hashlib.sha256(content).hexdigest(): called(file) for content, file in zip(data, files, strict=True)}
+    told(avatar, target, lambda: summary(avatar, target, seconds, names), as_json=as_json)
     for one in avatar.left_out:
         typer.echo(f"avatarme: {names.get(one.sha256, one.sha256)} is left out: {one.message}", err=True)
-    if as_json:
-        typer.echo(json.dumps(summary(avatar, target, seconds, names), allow_nan=False))
-    elif target != PIPE:
-        typer.echo(os.fsencode(target))  # bytes, as a file name need not be valid text
 
 
 @contextmanager
@@ -129,63 +99,67 @@ def naming(photos: Sequence[str]) -> Iterator[None]:
         raise
 
 
-def summary(avatar: Avatar, target: str, seconds: float, names: Mapping[str, str]) -> dict[str, Any]:
-    """Facts of a run as JSON values: ``archive``, ``bytes``, ``seconds``, ``fit``, ``photos``, ``warnings`` ...
+def told(avatar: Avatar, target: str, facts: Callable[[], dict[str, Any]], *, as_json: bool) -> None:
+    """Say what to look at, and the path of the archive, or facts of the run as one JSON object."""
+    for code in avatar.all_warnings():
+        typer.echo(f"avatarme: warning: {code}", err=True)
+    if as_json:
+        typer.echo(json.dumps(facts(), allow_nan=False))
+    elif target != PIPE:
+        typer.echo(os.fsencode(target))  # bytes, as a file name need not be valid text
 
-    ``names`` of the photos by the hashes of their bytes.
-    """
-    yaw, pitch, roll = avatar.fit.camera.yaw_pitch_roll_deg()
+
+def run_facts(avatar: Avatar, target: str, seconds: float) -> dict[str, Any]:
+    """Facts of any run as JSON values."""
     return {
         "archive": target,
         "bytes": os.stat(target).st_size,
         "seconds": round(seconds, 3),
-        "options": avatar.options,
-        "fit": {
-            "landmark_rms_px": avatar.fit.landmark_rms_px,
-            "inter_ocular_px": avatar.fit.inter_ocular_px,
-            "focal_px": avatar.fit.camera.focal_px,
-            "yaw_pitch_roll_deg": [yaw, pitch, roll],
-        },
-        "photos": [
-            {"file": names.get(one.photo.sha256, ""), "used_for": list(one.used_for), "texture_share": one.share}
-            for one in avatar.sources
-        ],
-        "left_out": [
-            {"file": names.get(one.sha256, ""), "code": one.code, "message": one.message} for one in avatar.left_out
-        ],
+        "options": dict(avatar.options),
         "warnings": list(avatar.all_warnings()),
         "timings_s": dict(avatar.timings_s),
         "peak_rss_mb": avatar.peak_rss_mb,
     }
 
 
-MAX_TEXTURE = 200_000_000
-MAX_MESH = 64 << 20
-"""Largest input files, bytes."""
+def summary(avatar: Avatar, target: str, seconds: float, names: Mapping[str, str]) -> dict[str, Any]:
+    """Facts of a run on photos, whose ``names`` go by the hashes of their bytes."""
+    camera = avatar.fit.camera
+    left = [{"file": names.get(one.sha256, ""), "code": one.code, "message": one.message} for one in avatar.left_out]
+    return run_facts(avatar, target, seconds) | {
+        "fit": {
+            "landmark_rms_px": avatar.fit.landmark_rms_px,
+            "inter_ocular_px": avatar.fit.inter_ocular_px,
+            "focal_px": camera.focal_px,
+            "yaw_pitch_roll_deg": list(camera.yaw_pitch_roll_deg()),
+        },
+        "photos": [
+            {"file": names.get(one.photo.sha256, ""), "used_for": list(one.used_for), "texture_share": one.share}
+            for one in avatar.sources
+        ],
+        "left_out": left,
+    }
 
 
+@with_flags(MAPS)
 def maps(
-    texture: str, mesh: str, output: str, options: dict[str, Any], *, head: str | None, as_json: bool
-) -> None:  # fmt: skip
-    """Read both, run the networks, write the archive, report the result.
+    texture: Annotated[str, typer.Option(metavar="T.png", help="Texture on the head's chart, 3:2, or - for a pipe.")],
+    mesh: Annotated[
+        str, typer.Option(metavar="HEAD.obj", help="Mesh (OBJ, GLB, PLY ...) with the topology of mesh/head.obj, or -.")
+    ],
+    output: Annotated[str, typer.Option("-o", "--output", metavar="OUT.zip", help="Archive to write, or -.")],
+    head: Head = None,
+    as_json: Json = False,
+    **flags: Any,
+) -> None:
+    """Make reflectance maps for an external mesh and texture, without a photo.
 
-    Args:
-        texture: path of the image, or ``-`` for standard input.
-        mesh: path of the mesh, or ``-``.
-        output: path of the archive, or ``-`` for standard output.
-        options: fields of :class:`Options` that were given.
-        head: path of a head model file, None for the shipped one.
-        as_json: print facts of the run as one JSON object instead of the path.
-
-    Raises:
-        UsageError: a file does not exist, both come from standard input, or an option is out of range.
-        AvatarError: as the stages raise it.
+    Exit status: 0 done, 2 usage, 4 texture or mesh cannot be used, 1 anything else.
     """
-    begin = time.perf_counter()
-    inputs = {"texture": texture, "mesh": mesh}
-    check_paths(output, inputs, what="archive", example="OUT.zip", as_json=as_json)
+    begin, options = time.perf_counter(), asked(flags)
+    check_paths(output, {"texture": texture, "mesh": mesh}, what="archive", example="OUT.zip", as_json=as_json)
     chosen_head = head_file(head)
-    image, model = read_file(texture, MAX_TEXTURE, "texture"), read_file(mesh, MAX_MESH, "mesh")
+    image, model = read_file(texture, 200_000_000, "texture"), read_file(mesh, 64 << 20, "mesh")
     with progress_bar() as progress:
         from service.archive.pack import write_archive
         from service.external import external_maps, make_external, mesh_type
@@ -193,19 +167,6 @@ def maps(
         chosen = Options(**{"maps": external_maps(), **options})
         avatar = make_external(image, model, chosen, progress, chosen_head, mesh_type(mesh, model))
         write_archive(avatar, sys.stdout.buffer if output == PIPE else Path(output))
-    for code in avatar.all_warnings():
-        typer.echo(f"avatarme: warning: {code}", err=True)
-    if as_json:
-        facts = {
-            "archive": output,
-            "bytes": os.stat(output).st_size,
-            "seconds": round(time.perf_counter() - begin, 3),
-            "options": dict(avatar.options),
-            "warnings": list(avatar.all_warnings()),
-            "fallbacks": [] if avatar.reflectance is None else list(avatar.reflectance.fallbacks),
-            "timings_s": dict(avatar.timings_s),
-            "peak_rss_mb": avatar.peak_rss_mb,
-        }
-        typer.echo(json.dumps(facts, allow_nan=False))
-    elif output != PIPE:
-        typer.echo(os.fsencode(output))
+    seconds, made = time.perf_counter() - begin, avatar.reflectance
+    fallbacks = [] if made is None else list(made.fallbacks)
+    told(avatar, output, lambda: run_facts(avatar, output, seconds) | {"fallbacks": fallbacks}, as_json=as_json)

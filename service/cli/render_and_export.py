@@ -7,52 +7,62 @@ import json
 import os
 import time
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
 from service.cli.files import check_paths, progress_bar, read_file, write_bytes
+from service.cli.flags import Json
 from service.errors import UsageError
-from service.light.scene import Scene
+from service.options import parse_size
 from service.photo.limits import PIPE
 
 if TYPE_CHECKING:
     from service.render.request import RenderRequest
 
-MAX_SCENE = 1 << 20
 MAX_ARCHIVE = 2 << 30
-"""Largest inputs, bytes; of archives only those from standard input."""
+"""Bytes of the largest archive from standard input."""
 
 
 def render(
-    archive: str, output: str, *, scene: str | None, size: tuple[int, int] | None, view: str | None,
-    background: str | None, samples: int | None, tolerance: float | None, turntable: int | None, as_json: bool,
-) -> None:  # fmt: skip
-    """Render, write the PNG, report on standard error which effects were computed and which left out.
+    archive: Annotated[str, typer.Argument(metavar="AVATAR.zip", help="Archive of 'make', or - for a pipe.")],
+    output: Annotated[str, typer.Option("-o", "--output", metavar="IMAGE.png", help="PNG to write, or - for a pipe.")],
+    scene: Annotated[
+        str | None, typer.Option(metavar="SCENE.json", help="Light and camera, docs/render.md. [default: a studio]")
+    ] = None,
+    size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT in pixels. [default: 768x1024]")] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(help="front, three-quarter, left, right, back, or degrees. [default: the scene's viewpoint]"),
+    ] = None,
+    background: Annotated[
+        str | None, typer.Option(help="Behind the head: black, transparent or environment. [default: black]")
+    ] = None,
+    samples: Annotated[int | None, typer.Option(help="Samples a pixel and axis, 1 to 3. [default: 2]")] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(metavar="N", help="Mean error in 1/255 that leaving out effects may cost. [default: 1]"),
+    ] = None,
+    turntable: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="N pictures around the head, as a film; OUTPUT ends in .gif or .mp4."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Render an avatar under the light of a scene.
 
-    Args:
-        archive: path, or ``-`` for standard input.
-        output: path, or ``-`` for standard output.
-        scene: path of a JSON file, or ``-``; None for the studio.
-        size: (width, height) in pixels.
-        view: see ``RenderRequest``, as ``background``, ``samples`` and ``tolerance``; None for the default.
-        background: behind the head.
-        samples: per pixel and axis.
-        tolerance: largest mean error by leaving out effects, in 1/255 of sRGB.
-        turntable: pictures of a film around the head; None for one picture.
-        as_json: print facts as one JSON object instead of the path.
-
-    Raises:
-        UsageError: a file does not exist, or an option or a field of the scene is out of range.
-        AvatarError: the archive cannot be used.
+    Computes only the effects that the scene calls for, and says on standard error which and why. Exit status: 0 done,
+    2 usage (also a scene that is not right), 4 unreadable archive, 1 anything else.
     """
+    from service.light.scene import Scene
+
     begin = time.perf_counter()
     inputs = {"archive": archive, **({} if scene is None else {"scene": scene})}
     check_paths(output, inputs, what="picture", example="IMAGE.png", as_json=as_json)
-    text = None if scene is None else read_file(scene, MAX_SCENE, "scene").decode("utf-8", "replace")
+    text = None if scene is None else read_file(scene, 1 << 20, "scene").decode("utf-8", "replace")
     given = {
-        "scene": None if text is None else Scene.from_json(text), "size": size, "view": view,
-        "background": background, "samples": samples, "tolerance": tolerance,
+        "scene": None if text is None else Scene.from_json(text), "size": None if size is None else parse_size(size),
+        "view": view, "background": background, "samples": samples, "tolerance": tolerance,
     }  # fmt: skip
     from service.archive.images import encode_png
     from service.archive.rendering import render_archive
@@ -78,9 +88,7 @@ def render(
         typer.echo(os.fsencode(output))
 
 
-def _film(
-    archive: str, output: str, request: RenderRequest, count: int, begin: float, *, as_json: bool
-) -> None:
+def _film(archive: str, output: str, request: RenderRequest, count: int, begin: float, *, as_json: bool) -> None:
     """Render a turntable, with a progress bar, and report it."""
     from service.archive.rendering import turntable
 
@@ -95,17 +103,18 @@ def _film(
         typer.echo(os.fsencode(output))
 
 
-def export(archive: str, tool: str, output: str | None, *, as_json: bool) -> None:
-    """Write the kit and print its folder.
+def export(
+    archive: Annotated[str, typer.Argument(metavar="AVATAR.zip", help="Archive of 'make'.")],
+    tool: Annotated[str, typer.Option("--for", metavar="TOOL", help="blender, unreal, unity or maya.")],
+    output: Annotated[
+        str | None, typer.Option("-o", "--output", metavar="DIR", help="Folder. [default: AVATAR-TOOL]")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write a kit for a tool: scene, levels of detail, textures as it wants them.
 
-    Args:
-        archive: path.
-        tool: one of ``service.kits.export.TOOLS``.
-        output: folder; None for one beside the archive, named after both.
-        as_json: print facts as one JSON object instead.
-
-    Raises:
-        AvatarError: as ``service.kits.export.export_kit``.
+    docs/blender.md, unreal.md, unity.md and maya.md say how to import it. Exit status: 0 done, 2 usage, 4 unreadable
+    archive, 1 anything else.
     """
     from service.kits.export import export_kit
 

@@ -3,45 +3,54 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
+from service.cli.flags import SERVER, Flag, with_flags
 from service.errors import UsageError
 from service.jobs.settings import Settings, from_environment
 
 
-def serve(flags: dict[str, Any], *, with_worker: bool) -> None:
-    """Serve until a signal ends it.
+@with_flags(
+    {
+        "host": Flag("Address to listen on. [default: 127.0.0.1]"),
+        "port": Flag("Port to listen on. [default: 8000]", int),
+        **SERVER,
+        "keys": Flag("File of API keys. [default: none needed]", str, "FILE"),
+    }
+)
+def serve(
+    anybody: Annotated[
+        bool | None, typer.Option("--anybody", help="Serve others than this machine without keys.")
+    ] = None,
+    worker: Annotated[bool, typer.Option(help="Run a worker beside the server.")] = True,
+    **flags: Any,
+) -> None:
+    """Take photos over HTTP.
 
-    Args:
-        flags: settings from the command line, None where not given.
-        with_worker: run a worker beside the server.
-
-    Raises:
-        UsageError: a setting is not possible, or another server has the data folder.
+    Every setting can also come from the environment: AVATARME_PORT, AVATARME_RESULT_HOURS ...; docs/service.md has all.
     """
-    settings = _settings(flags)
+    settings = _settings(flags | {"anybody": anybody})
     from service.api.server import serve as run
 
-    run(settings, with_worker=with_worker)
+    run(settings, with_worker=worker)
 
 
-def work(flags: dict[str, Any]) -> None:
-    """Run a worker until a signal ends it.
-
-    Raises:
-        UsageError: a setting is not possible.
-    """
-    settings = _settings(flags)
+@with_flags(SERVER | {"batches": Flag("Photos of batches computed beside them. [default: 0]", int)})
+def worker(
+    name: Annotated[str | None, typer.Option(help="Name of this worker, unlike all others and lasting.")] = None,
+    **flags: Any,
+) -> None:
+    """Compute jobs that a server elsewhere takes, and shards of batches."""
+    settings = _settings(flags | {"worker": name})
     if not settings.database:
         raise UsageError(
             "a worker by itself needs the Postgres of the server: --database postgresql://...", field="database"
         )
     from service.api.server import work as run
 
-    module = "service.batch.worker" if settings.batches else "service.jobs.worker"
-    raise typer.Exit(run(settings, module))
+    raise typer.Exit(run(settings, "service.batch.worker" if settings.batches else "service.jobs.worker"))
 
 
 def _settings(flags: dict[str, Any]) -> Settings:

@@ -182,10 +182,10 @@ def test_a_name_that_the_disk_does_not_take_costs_one_photo(folders: Folders) ->
 
 BATCH = """
 import sys, dataclasses
-from service.cli import batch
+from service.batch import driver
 from service.cli.app import main
-wanted = batch.Wanted
-batch.Wanted = lambda **named: wanted(**named, program="tests.support.toy_photo")
+wanted = driver.Wanted
+driver.Wanted = lambda **named: wanted(**named, program="tests.support.toy_photo")
 sys.argv = ["avatarme", "batch", *sys.argv[1:]]
 main()
 """

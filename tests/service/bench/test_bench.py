@@ -14,7 +14,7 @@ from service import diagnosis
 from service.bench.losses import SAME_DB, decibels, degrees, line, loss_of, pareto
 from service.bench.report import MARK, as_markdown, draw, put
 from service.bench.runs import COMPARED, Run, face_of, isolated, make, run_bench, runs
-from service.cli.bench import bench as command
+from service.cli.bench_and_doctor import bench as command
 from service.errors import Crashed, ModelFault, UsageError
 from service.levels import LEVELS
 from service.options import Options

@@ -9,7 +9,7 @@ import pytest
 import typer
 
 from service import diagnosis
-from service.cli import doctor
+from service.cli import bench_and_doctor as doctor
 from service.errors import ModelFault
 
 ROOT = Path(__file__).parents[3]

@@ -63,9 +63,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[bytes], Options]]:
             options=options.to_json(),
             fit=SimpleNamespace(landmark_rms_px=0.5, inter_ocular_px=60.0, camera=camera),
             sources=(),
-            left_out=tuple(
-                LeftOut(hashlib.sha256(one).hexdigest(), "strangers", "another person") for one in data[2:]
-            ),
+            left_out=tuple(LeftOut(hashlib.sha256(one).hexdigest(), "strangers", "another person") for one in data[2:]),
             all_warnings=lambda: ("no-colour",),
             timings_s={"fit": 0.1},
             peak_rss_mb=100.0,

@@ -1,4 +1,3 @@
-
 from __future__ import annotations
 
 import subprocess
@@ -8,18 +7,18 @@ import pytest
 import typer
 
 from service.cli.failures import reported
-from service.cli.serve_and_worker import work
+from service.cli.serve_and_worker import worker
 from service.errors import UsageError
 
 
 def test_a_worker_by_itself_needs_a_database_to_share() -> None:
     with pytest.raises(UsageError, match="Postgres"):
-        work({"worker": "w1"})
+        worker(name="w1")
 
 
 def test_a_wrong_setting_is_a_usage_error() -> None:
     with pytest.raises(typer.Exit) as leaving, reported(as_json=False):
-        work({"jobs": 0})
+        worker(jobs=0)
     assert leaving.value.exit_code == 2
 
 
