@@ -309,9 +309,7 @@ def _padded(subject: Subject, pixels: UInt8) -> UInt8:
     return np.asarray(pixels.reshape(-1, 3)[nearest_inside(inside)])
 
 
-def _texture(
-    source: UInt8, head: HeadModel, vertices: Float32, size: tuple[int, int]
-) -> Texture:
+def _texture(source: UInt8, head: HeadModel, vertices: Float32, size: tuple[int, int]) -> Texture:
     """Result of the texture stage at a size (width, height), without what needs a photo."""
     chart = Chart.build(head, *size)
     exact, tangent = shape_normals(chart, vertices)

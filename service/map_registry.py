@@ -34,6 +34,11 @@ class RegisteredMap:
     bits: Literal[8, 16] | None = 8
     framed: bool = False
 
+    @property
+    def path(self) -> str:
+        """Name in the archive."""
+        return f"maps/{self.name}.png"
+
 
 _FRAMES = "tangent: x along u, y up (OpenGL, glTF), z out; object: as for shape_normal"
 

@@ -15,12 +15,13 @@ from service.archive import manifest as m
 from service.archive.avatar import Avatar, Source
 from service.archive.container import MEMBERS, in_order
 from service.archive.glb import weights_by_name
-from service.archive.maps import MAPS, MapFiles, MapSpec, wrinkle_of
+from service.archive.maps import MapFiles, coding, frame, wrinkle_of
 from service.archive.skeleton import JOINTS, PARENTS, skeleton
 from service.face.features.eyes import Gaze
 from service.face.fit.fit import Fit
 from service.hair.style import style_to_json
 from service.hair.worn_hair import WornHair
+from service.map_registry import MAPS, RegisteredMap
 from service.materials.material import Material
 from service.materials.part import MeshPart
 from service.reflectance.reflectance_maps import MID, SCALE_MM
@@ -74,7 +75,7 @@ def describe(
             m.Head, head, vertices=len(head.mean), polygons=len(head.polygons), parts=list(head.part_names),
             blendshapes=list(head.expression_names), uv_origin="bottom-left",
         ),
-        maps=[_map(spec, avatar, files[spec.path]) for spec in MAPS if spec.path in files],
+        maps=[_map(one, avatar, files[one.path]) for one in MAPS if one.path in files],
         files=[_file(name, files[name]) for name in in_order(files)],
         parts=[m.Part(part.name, part.material.name, part.bone) for part in parts],
         materials=[_material(one, where) for one in {part.material.name: part.material for part in parts}.values()],
@@ -133,21 +134,21 @@ def _used(avatar: Avatar, source: Source) -> m.UsedPhoto:
     )
 
 
-def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:
+def _map(entry: RegisteredMap, avatar: Avatar, data: bytes) -> m.Map:
     width, height, bits, colour_type = _PNG_HEADER.unpack_from(data, 16)
-    wrinkle = wrinkle_of(avatar, spec.role)
+    wrinkle = wrinkle_of(avatar, entry.name)
     return m.Map(
-        path=spec.path,
-        role=spec.role,
-        colour_space=spec.entry.colour_space,
+        path=entry.path,
+        role=entry.name,
+        colour_space=entry.colour_space,
         bits=bits,
         channels=_PNG_CHANNELS[colour_type],  # type: ignore[arg-type]
         width=width,
         height=height,
         size=len(data),
         sha256=hashlib.sha256(data).hexdigest(),
-        frame=spec.frame(avatar),
-        coding=m.Coding(*spec.coding(bits), spec.entry.meaning),
+        frame=frame(entry, avatar),
+        coding=m.Coding(*coding(entry, bits), entry.meaning),
         units=None if wrinkle is None else {unit: round(value, 6) for unit, value in wrinkle.units.items()},
     )
 

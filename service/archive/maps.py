@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from service import map_registry
 from service.archive.avatar import Avatar
 from service.archive.glb import JPEG_QUALITY, Picture
 from service.archive.images import (
@@ -25,9 +24,9 @@ from service.archive.images import (
 )
 from service.arrays import Float32, UInt8, UInt16
 from service.levels import LEVELS
-from service.map_registry import WRINKLE, RegisteredMap
+from service.map_registry import MAPS, WRINKLE, RegisteredMap
 from service.materials.material import Map, OwnMap
-from service.reflectance.reflectance_maps import MID, NORMAL_ONE, SCALE_MM, Reflectance, Wrinkle, unpack_normals
+from service.reflectance.reflectance_maps import MID, NORMAL_ONE, SCALE_MM, Wrinkle, unpack_normals
 from service.reflectance.surface_maps import CODES_PER_MM
 
 HEIGHT_STEP = 1 / 128
@@ -39,46 +38,20 @@ CHART_MM = 410.0
 """Width of the chart at its scale on the face, 15 texels per mm at 6144 (``python -m models.head.report``)."""
 
 
-@dataclass(frozen=True)
-class MapSpec:
-    """One map of the archive: its row in ``service.map_registry``, and how it is coded.
-
-    Attributes:
-        entry: the row.
-        codes: avatar -> rows of (h, w) or (h, w, 3) codes, or None where the avatar has no such map.
-    """
-
-    entry: RegisteredMap
-    codes: Callable[[Avatar], Rows | None]
-
-    @property
-    def role(self) -> str:
-        """Its name."""
-        return self.entry.name
-
-    @property
-    def path(self) -> str:
-        """Name in the archive."""
-        return f"maps/{self.role}.png"
-
-    def coding(self, bits: int) -> tuple[float, float]:
-        """``zero`` and ``scale`` in value = (code - zero) / scale."""
-        if self.entry.kind == "normal":
-            return normal_coding(bits)
-        if self.entry.kind == "length":
-            return (0, CODES_PER_MM)
-        return (MID, round(1 / SCALE_MM)) if self.entry.kind == "height" else (0, 2**bits - 1)
-
-    def frame(self, avatar: Avatar) -> Literal["object", "tangent"] | None:
-        """Frame of normals; None for other maps."""
-        if self.entry.kind != "normal":
-            return None
-        return "tangent" if self.entry.framed and not in_object_space(avatar) else "object"
+def coding(entry: RegisteredMap, bits: int) -> tuple[float, float]:
+    """``zero`` and ``scale`` in value = (code - zero) / scale."""
+    if entry.kind == "normal":
+        return normal_coding(bits)
+    if entry.kind == "length":
+        return (0, CODES_PER_MM)
+    return (MID, round(1 / SCALE_MM)) if entry.kind == "height" else (0, 2**bits - 1)
 
 
-def normal_bits(avatar: Avatar) -> int:
-    """Bits per component of normal maps that the options request."""
-    return int(avatar.options.get("bits") or LEVELS[avatar.options.get("quality", "standard")].normal_bits)
+def frame(entry: RegisteredMap, avatar: Avatar) -> Literal["object", "tangent"] | None:
+    """Frame of normals; None for other maps."""
+    if entry.kind != "normal":
+        return None
+    return "tangent" if entry.framed and not in_object_space(avatar) else "object"
 
 
 def in_object_space(avatar: Avatar) -> bool:
@@ -94,43 +67,39 @@ def map_wanted(avatar: Avatar, role: str) -> bool:
     return chosen is None or role in chosen
 
 
-def fine_mesh_wanted(avatar: Avatar) -> bool:
-    """Whether the options request the subdivided, displaced mesh: displacement at a level that has it."""
-    level = LEVELS[avatar.options.get("quality", "standard")]
-    return level.fine_mesh and "displacement" in (avatar.options.get("maps") or ("displacement",))
+def rows_of(entry: RegisteredMap, avatar: Avatar) -> Rows | None:
+    """Codes (h, w) or (h, w, 3) of one map, None where the avatar has no such map."""
+    bits = int(avatar.options.get("bits") or LEVELS[avatar.options.get("quality", "standard")].normal_bits)
+    if entry.made_by == "photo":
+        texture = avatar.texture
+        if entry.kind == "normal":
+            return Rows.of(quantise_normals(texture.shape_normal_object, bits))
+        own = avatar.own_texture if entry.name == "texture" else None
+        return Rows.of(getattr(texture, entry.name) if own is None else own)
+    wrinkle = wrinkle_of(avatar, entry.name)
+    made = (getattr(one, entry.name, None) for one in (avatar.reflectance, avatar.surface))
+    codes: Any = next((one for one in made if one is not None), None) if wrinkle is None else wrinkle.normal
+    if codes is None or entry.kind == "normal":
+        return None if codes is None else _normals(avatar, codes, bits)
+    if entry.kind == "height":
+        return _heights(codes)
+    if codes.dtype == np.uint16:
+        return Rows(codes.shape, 8, lambda first, last: to_8_bits(codes[first:last]))
+    return Rows.of(codes)
 
 
-def encode_map(spec: MapSpec, avatar: Avatar) -> bytes | None:
+def encode_map(entry: RegisteredMap, avatar: Avatar) -> bytes | None:
     """PNG bytes of one map, None where there is none; NumericFault where normals are not finite."""
-    rows = spec.codes(avatar)
+    rows = rows_of(entry, avatar)
     if rows is None:
         return None
-    if spec.entry.made_by == "surface":  # small, and smooth, so that matches pay
+    if entry.made_by == "surface":  # small, and smooth, so that matches pay
         return encode_png(np.asarray(rows.read(0, rows.shape[0]), np.uint8), srgb=False, level=6)
-    return encode_png_rows(rows, srgb=spec.entry.colour_space == "srgb")
+    return encode_png_rows(rows, srgb=entry.colour_space == "srgb")
 
 
-def _of(made: Callable[[Reflectance], npt.NDArray[Any] | None]) -> Callable[[Avatar], Any]:
-    """A map of the reflectance, None where there is none."""
-    return lambda avatar: None if avatar.reflectance is None else made(avatar.reflectance)
-
-
-def _eight_bits(codes: UInt16 | None) -> Rows | None:
-    """16-bit codes rounded to 8 bits."""
-    if codes is None:
-        return None
-
-    return Rows(codes.shape, 8, lambda first, last: to_8_bits(codes[first:last]))
-
-
-def _as_they_are(codes: UInt8 | UInt16 | None) -> Rows | None:
-    return None if codes is None else Rows.of(codes)
-
-
-def _heights(codes: UInt16 | None) -> Rows | None:
+def _heights(codes: UInt16) -> Rows:
     """Displacement in steps of ``HEIGHT_STEP`` of a texel's side: finer ones are noise that cannot be compressed."""
-    if codes is None:
-        return None
     step = min(2 ** int(math.log2(max(HEIGHT_STEP * CHART_MM / codes.shape[1] / SCALE_MM, 1.0))), COARSEST_STEP)
     half, limit = step // 2, 65535 - MID
     return Rows(
@@ -142,60 +111,25 @@ def _heights(codes: UInt16 | None) -> Rows | None:
     )  # fmt: skip
 
 
-def wrinkle_of(avatar: Avatar, role: str) -> Wrinkle | None:
-    """The wrinkles of an avatar that a map of this role shows."""
-    made = () if avatar.reflectance is None else avatar.reflectance.wrinkles
-    return next((one for one in made if WRINKLE + one.name == role), None)
-
-
-def _wrinkle(role: str) -> Callable[[Avatar], Rows | None]:
-    def codes(avatar: Avatar) -> Rows | None:
-        found = wrinkle_of(avatar, role)
-        return None if found is None else _tangent(avatar, found.normal)
-
-    return codes
-
-
-def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None:
-    """Normals of the reflectance as codes of the archive, in the frame and bits that the options request."""
-    if codes is None:
-        return None
+def _normals(avatar: Avatar, codes: npt.NDArray[np.int16], bits: int) -> Rows:
+    """Normals of the reflectance as codes of the archive, in the frame that the options request."""
     if in_object_space(avatar):
         from service.reflectance.subject import Subject, to_object
 
         codes = to_object(codes, Subject.of(avatar.head, avatar.fit.vertices))
-    bits, plain = normal_bits(avatar), codes
 
     def read(first: int, last: int) -> UInt8 | UInt16:
-        strip = plain[first:last]
+        strip = codes[first:last]
         vectors = unpack_normals(strip) if strip.shape[-1] == 2 else strip * np.float32(1 / NORMAL_ONE)
         return quantise_normals(vectors, bits)
 
-    return Rows((*plain.shape[:2], 3), bits, read)
+    return Rows((*codes.shape[:2], 3), bits, read)
 
 
-_CODES: dict[str, Callable[[Avatar], Rows | None]] = {
-    "diffuse_albedo": lambda avatar: _eight_bits(_of(lambda made: made.diffuse_albedo)(avatar)),
-    "specular_albedo": lambda avatar: _eight_bits(_of(lambda made: made.specular_albedo)(avatar)),
-    "diffuse_normal": lambda avatar: _tangent(avatar, _of(lambda made: made.diffuse_normal)(avatar)),
-    "specular_normal": lambda avatar: _tangent(avatar, _of(lambda made: made.specular_normal)(avatar)),
-    "displacement": lambda avatar: _heights(_of(lambda made: made.displacement)(avatar)),
-    "roughness": lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.roughness),
-    "cavity": lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.cavity),
-    "thickness": lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.thickness),
-    "albedo_error": lambda avatar: _as_they_are(_of(lambda made: made.albedo_error)(avatar)),
-    "texture": lambda avatar: Rows.of(avatar.texture.texture if avatar.own_texture is None else avatar.own_texture),
-    "confidence": lambda avatar: Rows.of(avatar.texture.confidence),
-    "shape_normal": lambda avatar: Rows.of(
-        quantise_normals(avatar.texture.shape_normal_object, normal_bits(avatar))
-    ),
-}
-
-MAPS = tuple(
-    MapSpec(one, _wrinkle(one.name) if one.name.startswith(WRINKLE) else _CODES[one.name])
-    for one in map_registry.MAPS
-)
-"""All maps, in the order of the archive."""
+def wrinkle_of(avatar: Avatar, role: str) -> Wrinkle | None:
+    """The wrinkles of an avatar that a map of this role shows."""
+    made = () if avatar.reflectance is None else avatar.reflectance.wrinkles
+    return next((one for one in made if WRINKLE + one.name == role), None)
 
 
 @dataclass(frozen=True)
@@ -301,5 +235,5 @@ def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Sc
 
 def map_files(avatar: Avatar) -> MapFiles:
     """Where the meshes find the maps of the chart; normals in object space are no use to them."""
-    there = [spec for spec in MAPS if map_wanted(avatar, spec.role) and spec.codes(avatar) is not None]
-    return MapFiles([spec.role for spec in there if not (spec.entry.framed and in_object_space(avatar))])
+    there = [one for one in MAPS if map_wanted(avatar, one.name) and rows_of(one, avatar) is not None]
+    return MapFiles([one.name for one in there if not (one.framed and in_object_space(avatar))])

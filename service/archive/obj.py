@@ -161,9 +161,7 @@ def data_path(one: Map | None, files: MapFiles) -> str | None:
     return f"{one.role}.exr" if isinstance(one, ChartMap) else f"../maps/parts/{one.name}.exr"
 
 
-def data_maps(
-    materials: Iterable[Material], files: MapFiles, charts: Mapping[str, Float32]
-) -> dict[str, bytes]:
+def data_maps(materials: Iterable[Material], files: MapFiles, charts: Mapping[str, Float32]) -> dict[str, bytes]:
     """Name in the archive -> EXR of every map that is no colour.
 
     Args:

@@ -19,16 +19,7 @@ from service.archive.glb import Picture, glb_bytes, weights_by_name
 from service.archive.images import encode_jpeg, encode_png
 from service.archive.licences import licences_text
 from service.archive.manifest import to_json
-from service.archive.maps import (
-    MAPS,
-    MapFiles,
-    chart_pictures,
-    chart_values,
-    encode_map,
-    fine_mesh_wanted,
-    map_files,
-    map_wanted,
-)  # fmt: skip
+from service.archive.maps import MapFiles, chart_pictures, chart_values, encode_map, map_files, map_wanted
 from service.archive.obj import data_maps, mtl_bytes, obj_bytes, parts_obj_bytes
 from service.archive.skeleton import joint_weights, skeleton
 from service.archive.surfaces import displaced, subdivided_head
@@ -36,6 +27,8 @@ from service.archive.usd import usda_bytes
 from service.archive.usd_curves import curves_bytes
 from service.archive.usd_materials import mtlx_bytes
 from service.arrays import Float32
+from service.levels import LEVELS
+from service.map_registry import MAPS
 from service.materials.part import MeshPart, material_of
 from service.runtime.sessions import release
 
@@ -114,26 +107,33 @@ def meshes(
             licence=head.licence,
         ),
         "mesh/head.usda": usda_bytes(
-            parts, maps, title, units=head.expression_names, expression=weights, joints=joints,
+            parts,
+            maps,
+            title,
+            units=head.expression_names,
+            expression=weights,
+            joints=joints,
             weights=joint_weights(head, joints),
         ),
     }
-    if made is not None and made.displacement is not None and fine_mesh_wanted(avatar):
+    fine_wanted = LEVELS[avatar.options.get("quality", "standard")].fine_mesh
+    fine_wanted &= "displacement" in (avatar.options.get("maps") or ("displacement",))
+    if fine_wanted and made is not None and made.displacement is not None:
         fine, smooth = subdivided_head(head, fit.vertices)
         embossed = displaced(fine, smooth, made.displacement)
         files["mesh/head_fine.obj"] = obj_bytes(fine, embossed, f"{title}, subdivided and displaced")
     groom = None if avatar.hair is None else avatar.hair.groom
-    if groom is not None and len(groom) and fine_mesh_wanted(avatar):
+    if groom is not None and len(groom) and fine_wanted:
         files["mesh/hair.usda"] = curves_bytes(groom, f"{title}, hair")
     return files | data_maps(materials, maps, values())
 
 
 def _maps(avatar: Avatar) -> dict[str, bytes]:
     """PNG bytes by path; on two threads, as compression takes most of the time and releases the GIL."""
-    wanted = [spec for spec in MAPS if map_wanted(avatar, spec.role)]
+    wanted = [one for one in MAPS if map_wanted(avatar, one.name)]
     with ThreadPoolExecutor(2) as pool:
-        packed = pool.map(lambda spec: encode_map(spec, avatar), wanted)
-        return {spec.path: data for spec, data in zip(wanted, packed, strict=True) if data is not None}
+        packed = pool.map(lambda one: encode_map(one, avatar), wanted)
+        return {one.path: data for one, data in zip(wanted, packed, strict=True) if data is not None}
 
 
 def _previews(avatar: Avatar) -> dict[str, bytes]:

@@ -69,9 +69,7 @@ def eyeball(head: HeadModel, vertices: AnyFloat, side: str) -> Eyeball | None:
 
 def inter_ocular_m(head: HeadModel, vertices: AnyFloat) -> float:
     """Distance of the eyeball centres in metres; 63 mm, the mean of adults, for a head without two eyeballs."""
-    centres = [
-        np.asarray(vertices)[eye].mean(0) for side in SIDES if len(eye := part_vertices(head, f"eye_{side}"))
-    ]
+    centres = [np.asarray(vertices)[eye].mean(0) for side in SIDES if len(eye := part_vertices(head, f"eye_{side}"))]
     return float(np.linalg.norm(centres[0] - centres[1])) if len(centres) == 2 else 0.063
 
 

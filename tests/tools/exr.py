@@ -32,9 +32,7 @@ def read(data: bytes) -> dict[str, npt.NDArray[np.float16]]:
     assert names == sorted(names)
     width, height = right + 1, bottom + 1
     found = {name: np.zeros((height, width), np.float16) for name in names}
-    for first, offset in zip(
-        range(0, height, 16), struct.unpack_from(f"<{-(-height // 16)}Q", data, at), strict=True
-    ):
+    for first, offset in zip(range(0, height, 16), struct.unpack_from(f"<{-(-height // 16)}Q", data, at), strict=True):
         row, size = struct.unpack_from("<ii", data, offset)
         assert row == first
         rows = min(16, height - first)

@@ -67,9 +67,7 @@ def in_blender(tool: str, *arguments: object) -> None:
     command = blender()
     assert command is not None
     dashes = ["--"] if command[1:] else []
-    subprocess.run(
-        [*command, str(TOOLS / tool), *dashes, *map(str, arguments)], check=True, stdout=subprocess.DEVNULL
-    )
+    subprocess.run([*command, str(TOOLS / tool), *dashes, *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
 
 
 def poses(archive: Path, folder: Path) -> Image.Image:

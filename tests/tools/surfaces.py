@@ -159,8 +159,10 @@ def _gltf_material(told: dict[str, Any], binary: bytes, one: dict[str, Any]) -> 
     specular = extra.get("KHR_materials_specular", {})
     level = texture(specular.get("specularTexture"))
     ior = extra.get("KHR_materials_ior", {}).get("ior", 1.5)
-    f0 = ((ior - 1) / (ior + 1)) ** 2 * specular.get("specularFactor", 1.0) * (
-        np.ones((1, 1)) if level is None else level[..., 3]
+    f0 = (
+        ((ior - 1) / (ior + 1)) ** 2
+        * specular.get("specularFactor", 1.0)
+        * (np.ones((1, 1)) if level is None else level[..., 3])
     )
     normal = texture(one.get("normalTexture"))
     return colour[..., :3], opacity, roughness, f0, None if normal is None else _unit(2 * normal[..., :3] - 1)
@@ -237,8 +239,8 @@ def _mtl_material(folder: Path, keys: dict[str, list[str]], told: dict[str, Any]
         opacity = opacity * colour[..., 3]
         if told.get("alpha") == "mask":
             opacity = cut(opacity, told["cutoff"])
-    f0 = ((number("Ni") - 1) / (number("Ni") + 1)) ** 2 / 0.5 * (
-        _flat(number("Ks")) if level is None else level[..., 0]
+    f0 = (
+        ((number("Ni") - 1) / (number("Ni") + 1)) ** 2 / 0.5 * (_flat(number("Ks")) if level is None else level[..., 0])
     )
     roughness = _flat(number("Pr")) if rough is None else rough[..., 0]
     return albedo, opacity, roughness, f0, None if bump is None else _unit(2 * bump[..., :3] - 1)

@@ -81,9 +81,7 @@ def relit(avatar: Avatar) -> Iterator[View]:
     yield from _side_by_side(view, RELIT)
 
 
-def _picture(
-    model: DrawnHead, yaw: float, colours: Float32, azimuth: float | None, tint: Triple = WHITE
-) -> Image:
+def _picture(model: DrawnHead, yaw: float, colours: Float32, azimuth: float | None, tint: Triple = WHITE) -> Image:
     """The avatar in linear colours (h, w, 3) of its chart, under a lamp or with light in them."""
     camera = turned_camera(framed(model.vertices, [one.part for one in model.parts]), yaw, *TILE)
     seen = see(model, camera, SAMPLES, colours)

@@ -60,9 +60,7 @@ def test_usd_and_manifest_are_read_back_as_the_parts(archive: Path) -> None:
         np.testing.assert_allclose(part.neutral, true.neutral, atol=1e-6)
         np.testing.assert_array_equal(part.polygons, true.polygons)
         present = part.polygons >= 0
-        np.testing.assert_allclose(
-            part.uv[part.polygons_uv[present]], true.uv[true.polygons_uv[present]], atol=6e-6
-        )
+        np.testing.assert_allclose(part.uv[part.polygons_uv[present]], true.uv[true.polygons_uv[present]], atol=6e-6)
         assert part.bone == true.bone
         for unit, offsets in true.targets.items():
             np.testing.assert_allclose(part.targets.get(unit, 0 * offsets), offsets, atol=2.6e-5)
