@@ -99,7 +99,7 @@ def quality(context: Here) -> Response:
     from service.hair.asked import AUTO, COLOURS, NONE, STYLES
     from service.levels import LEVELS
     from service.options import EyeColour, Mouth, default_maps
-    from service.photo.sandbox import readable_formats
+    from service.photo.gate import readable_formats
 
     groups: dict[tuple[str, tuple[int, int]], list[Row]] = defaultdict(list)
     whole = set(default_maps())

@@ -14,7 +14,7 @@ from service.errors import AvatarError, UnreadableInput
 from service.jobs.process import Reporter, Task
 from service.options import Options
 from service.photo.bundle import MOST, unbundled
-from service.photo.limits import Limits, read_photo_file
+from service.photo.limits import Limits, read_file
 from service.pipeline import make_avatar
 
 HEAD = "head"
@@ -40,7 +40,7 @@ def make(task: Task, reporter: Reporter) -> list[str]:
     Raises:
         AvatarError: as ``service.pipeline.make_avatar``.
     """
-    data = read_photo_file(task.photo, MOST * Limits().max_bytes)
+    data = read_file(task.photo, limit=MOST * Limits().max_bytes)
     if hashlib.sha256(data).hexdigest() != task.photo_sha256:
         raise UnreadableInput(f"{task.photo} was changed while the batch ran")
     asked = {name: tuple(value) if isinstance(value, list) else value for name, value in task.options.items()}

@@ -1,4 +1,4 @@
-"""What the commands share: input and output paths, bounded reading, atomic writing, the progress bar."""
+"""What the commands share: input and output paths, atomic writing, the progress bar."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from service.archive.container import replace_file
-from service.errors import OutputFault, TooManyBytes, UsageError
-from service.photo.limits import PIPE, called, read_bounded
+from service.errors import OutputFault, UsageError
+from service.photo.limits import PIPE
 
 
 def check_paths(output: str, inputs: Mapping[str, str], *, what: str, example: str, as_json: bool) -> None:
@@ -52,24 +52,6 @@ def head_file(path: str | None) -> Path | None:
             f"there is no head model file {path}; docs/head-model.md describes how to make one", field="head"
         )
     return None if path is None else Path(path)
-
-
-def read_file(source: str, limit: int, what: str) -> bytes:
-    """All bytes of a file, or of standard input for ``-``, at most ``limit``.
-
-    Raises:
-        UsageError: there is no such file.
-        UnreadableInput: the system refuses to read it.
-        TooManyBytes: it has more; the rest is not read.
-    """
-    name = called(source)
-    try:
-        data = read_bounded(source, limit)
-    except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
-        raise UsageError(f"there is no {what} file {name}", field=what) from error
-    if len(data) > limit:
-        raise TooManyBytes(f"{name} has more than {limit} bytes, which is the most that a {what} may have", limit=limit)
-    return data
 
 
 def write_bytes(target: str, data: bytes) -> None:

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.files import check_paths, head_file, progress_bar, read_file
+from service.cli.files import check_paths, head_file, progress_bar
 from service.cli.flags import AVATAR, MAPS, Head, Json, asked, with_flags
 from service.errors import AvatarError, UnsupportedFormat, UsageError
 from service.options import Options
-from service.photo.limits import PIPE, called, read_photo_file
+from service.photo.limits import PIPE, called, read_file
 from service.photo.video import VideoLimits, is_video
 
 if TYPE_CHECKING:
@@ -65,9 +65,9 @@ def make(
         raise UsageError("there is no photo; name one or more of a person, or a video by --video", field="photos")
     target = destination(files, output, as_json=as_json)
     model = head_file(head)
-    data = [read_photo_file(photo) for photo in photos or ()]
+    data = [read_file(photo) for photo in photos or ()]
     if video is not None:
-        data.append(read_file(video, VideoLimits().max_bytes, "video"))
+        data.append(read_file(video, "video", VideoLimits().max_bytes))
         if not is_video(data[-1]):
             raise UnsupportedFormat(f"{called(video)} is no video that is read: MP4, QuickTime and WebM are")
     with progress_bar() as progress, naming(files):
@@ -159,7 +159,7 @@ def maps(
     begin, options = time.perf_counter(), asked(flags)
     check_paths(output, {"texture": texture, "mesh": mesh}, what="archive", example="OUT.zip", as_json=as_json)
     chosen_head = head_file(head)
-    image, model = read_file(texture, 200_000_000, "texture"), read_file(mesh, 64 << 20, "mesh")
+    image, model = read_file(texture, "texture", 200_000_000), read_file(mesh, "mesh", 64 << 20)
     with progress_bar() as progress:
         from service.archive.pack import write_archive
         from service.external import external_maps, make_external, mesh_type

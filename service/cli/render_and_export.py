@@ -11,11 +11,11 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
-from service.cli.files import check_paths, progress_bar, read_file, write_bytes
+from service.cli.files import check_paths, progress_bar, write_bytes
 from service.cli.flags import Json
 from service.errors import UsageError
 from service.options import parse_size
-from service.photo.limits import PIPE
+from service.photo.limits import PIPE, read_file
 
 if TYPE_CHECKING:
     from service.render.request import RenderRequest
@@ -59,7 +59,7 @@ def render(
     begin = time.perf_counter()
     inputs = {"archive": archive, **({} if scene is None else {"scene": scene})}
     check_paths(output, inputs, what="picture", example="IMAGE.png", as_json=as_json)
-    text = None if scene is None else read_file(scene, 1 << 20, "scene").decode("utf-8", "replace")
+    text = None if scene is None else read_file(scene, "scene", 1 << 20).decode("utf-8", "replace")
     given = {
         "scene": None if text is None else Scene.from_json(text), "size": None if size is None else parse_size(size),
         "view": view, "background": background, "samples": samples, "tolerance": tolerance,
@@ -73,7 +73,7 @@ def render(
     if turntable is not None:
         _film(archive, output, request, turntable, begin, as_json=as_json)
         return
-    source: Path | IO[bytes] = io.BytesIO(read_file(PIPE, MAX_ARCHIVE, "archive")) if archive == PIPE else Path(archive)
+    source: Path | IO[bytes] = io.BytesIO(read_file(PIPE, "archive", MAX_ARCHIVE)) if archive == PIPE else Path(archive)
     picture = render_archive(source, request)
     png = encode_png(picture.pixels, srgb=True)
     write_bytes(output, png)

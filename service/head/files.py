@@ -20,26 +20,23 @@ FORMAT = 1
 DEFAULT_HEAD = Path(__file__).resolve().parent.parent / "data" / "head" / "head.npz"
 
 _TEXT = ("name", "licence", "expression_names", "part_names", "region_names")
-_FLOATS = (
-    "mean", "identity", "expression", "uv", "landmark_barycentric", "landmark_spread", "contour_yaw_deg",
-    "contour_barycentric", "regions",
-)  # fmt: skip
 _HALF = ("identity", "expression", "regions")
-_INTS = (
-    "polygons", "polygon_uv", "mirror", "triangles", "triangle_uv", "landmark_triangle", "contour_landmarks",
-    "contour_triangle",
-)  # fmt: skip
-_BYTES = ("polygon_part", "triangle_part")
+"""Arrays that are stored as float16."""
 
-_SHAPES: dict[str, tuple[str | int, ...]] = {
-    "mean": ("V", 3), "identity": ("K", "V", 3), "expression": ("E", "V", 3), "polygons": ("Q", 4),
-    "polygon_uv": ("Q", 4), "polygon_part": ("Q",), "uv": ("U", 2), "mirror": ("V",), "triangles": ("T", 3),
-    "triangle_uv": ("T", 3), "triangle_part": ("T",), "landmark_triangle": ("L",), "landmark_barycentric": ("L", 3),
-    "landmark_spread": ("L",), "contour_landmarks": ("C",), "contour_yaw_deg": ("B",), "contour_triangle": ("B", "C"),
-    "contour_barycentric": ("B", "C", 3), "regions": ("R", "V"),
+_ARRAYS: dict[str, tuple[type, tuple[str | int, ...]]] = {
+    "mean": (np.float32, ("V", 3)), "identity": (np.float32, ("K", "V", 3)), "expression": (np.float32, ("E", "V", 3)),
+    "polygons": (np.int32, ("Q", 4)), "polygon_uv": (np.int32, ("Q", 4)), "polygon_part": (np.uint8, ("Q",)),
+    "uv": (np.float32, ("U", 2)), "mirror": (np.int32, ("V",)), "triangles": (np.int32, ("T", 3)),
+    "triangle_uv": (np.int32, ("T", 3)), "triangle_part": (np.uint8, ("T",)), "landmark_triangle": (np.int32, ("L",)),
+    "landmark_barycentric": (np.float32, ("L", 3)), "landmark_spread": (np.float32, ("L",)),
+    "contour_landmarks": (np.int32, ("C",)), "contour_yaw_deg": (np.float32, ("B",)),
+    "contour_triangle": (np.int32, ("B", "C")), "contour_barycentric": (np.float32, ("B", "C", 3)),
+    "regions": (np.float32, ("R", "V")),
 }  # fmt: skip
-"""Axes of every array: letters must agree everywhere (V vertices, K components, E units, Q polygons, U chart points
-...)."""
+"""Type and axes of every array: letters must agree everywhere (V vertices, K components, E units, Q polygons, U chart
+points ...)."""
+_STORED = [name for name in _ARRAYS if not name.startswith("triangle")]
+"""The others follow from the polygons."""
 _RANGES = {
     "polygons": "V", "polygon_uv": "U", "mirror": "V", "triangles": "V", "triangle_uv": "U", "landmark_triangle": "T",
     "contour_landmarks": "L", "contour_triangle": "T",
@@ -66,9 +63,7 @@ def save_head(model: HeadModel, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
         _write(archive, "header", np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8))
-        for key in _SHAPES:
-            if key.startswith("triangle"):
-                continue  # derived from the polygons
+        for key in _STORED:
             value = getattr(model, key)
             _write(archive, key, value.astype(np.float16) if key in _HALF else value)
 
@@ -94,7 +89,7 @@ def load_head(path: Path | None = None) -> HeadModel:
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as fault:
         raise ModelFault(f"head model {path} cannot be read: {fault}") from fault
     header = _header(raw, path)
-    missing = [key for key in _SHAPES if key not in raw and not key.startswith("triangle")]
+    missing = [key for key in _STORED if key not in raw]
     if missing:
         raise ModelFault(f"head model {path} lacks {', '.join(missing)}")
     values: dict[str, Any] = {}
@@ -102,19 +97,15 @@ def load_head(path: Path | None = None) -> HeadModel:
         if key not in header:
             raise ModelFault(f"head model {path} has no {key}")
         values[key] = tuple(header[key]) if isinstance(header[key], list) else str(header[key])
-    for keys, kind, family in ((_FLOATS, np.float32, "f"), (_INTS, np.int32, "iu"), (_BYTES, np.uint8, "iu")):
-        for key in keys:
-            if key.startswith("triangle"):
-                continue
-            if raw[key].dtype.kind not in family:
-                raise ModelFault(f"head model {path}: {key} has type {raw[key].dtype}")
-            values[key] = raw[key].astype(kind)
-    if values["polygons"].ndim != 2 or values["polygons"].shape[1] != 4:
-        raise ModelFault(f"head model {path}: polygons has shape {values['polygons'].shape}, wanted (Q, 4)")
-    if values["polygon_uv"].shape != values["polygons"].shape:
-        raise ModelFault(f"head model {path}: polygon_uv has shape {values['polygon_uv'].shape}, unlike polygons")
-    if values["polygon_part"].shape != values["polygons"].shape[:1]:
-        raise ModelFault(f"head model {path}: polygon_part has shape {values['polygon_part'].shape}")
+    for key in _STORED:
+        kind = np.dtype(_ARRAYS[key][0])
+        if raw[key].dtype.kind not in ("f" if kind.kind == "f" else "iu"):
+            raise ModelFault(f"head model {path}: {key} has type {raw[key].dtype}")
+        values[key] = raw[key].astype(kind)
+    sides = values["polygons"].shape
+    for key, wanted in (("polygons", (*sides[:1], 4)), ("polygon_uv", sides), ("polygon_part", sides[:1])):
+        if values[key].shape != wanted:
+            raise ModelFault(f"head model {path}: {key} has shape {values[key].shape}, wanted {wanted}")
     values |= triangle_fields(values["polygons"], values["polygon_uv"], values["polygon_part"])
     model = HeadModel(**values)
     _check(model, str(path))
@@ -147,10 +138,8 @@ def _check(model: HeadModel, where: str) -> None:
     def fault(text: str) -> ModelFault:
         return ModelFault(f"head model {where}: {text}")
 
-    sizes: dict[str, int] = {
-        "E": len(model.expression_names), "R": len(model.region_names),
-    }  # fmt: skip
-    for key, axes in _SHAPES.items():
+    sizes = {"E": len(model.expression_names), "R": len(model.region_names)}
+    for key, (_, axes) in _ARRAYS.items():
         shape = getattr(model, key).shape
         if len(shape) != len(axes):
             raise fault(f"{key} has shape {shape}, wanted axes {axes}")

@@ -5,22 +5,33 @@
     bytes -> length -> magic -> container walk -> size -> decoding process -> checked pixels -> Photo
 
 Everything up to the size is plain Python over bounded slices and refuses most bad input within a millisecond; native
-decoders run only in the process that ``sandbox`` starts. No name, address or metadata of the input goes further.
+decoders run in a process of their own only. No name, address or metadata of the input goes further.
+
+A new interpreter is started for each photo (about 60 ms): forking a server with threads is unsafe, and a process
+that serves several photos would let one of them wait for the next. It gets no site-packages hooks (``-S``), no
+environment and no file but its pipes.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import importlib.util
+import os
+import signal
+import subprocess
 import sys
+import threading
+from pathlib import Path
+from typing import IO
 
 import numpy as np
 
-from service.errors import AnimatedImage, AvatarError, CorruptImage, EmptyFile, TooComplex
+from service.errors import AnimatedImage, AvatarError, CorruptImage, EmptyFile, TooComplex, UnsupportedFormat
 from service.photo.container import Container, open_container
 from service.photo.limits import Limits, check_bytes, check_size
 from service.photo.photo import Photo, lacks_colour
-from service.photo.sandbox import run_decoder
-from service.photo.wire import Note, Output, Reply, Request, Status
+from service.photo.wire import READY, REPLY_SIZE, Codec, Note, Output, Reply, Request, Status
 
 _NOTES = {
     Note.TRANSPARENT: "transparent",
@@ -118,3 +129,159 @@ def _check(reply: Reply, container: Container, limits: Limits) -> None:
         raise AvatarError(
             f"the decoder returned {reply.width} x {reply.height} pixels of an image of {container.size} pixels"
         )
+
+
+_BOOT = "import sys; sys.path[:0] = sys.argv[1:]; from service.photo.decoder import main; sys.exit(main())"
+_PIECE = 1 << 20
+_KEPT_ENVIRONMENT = ("SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
+
+
+def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple[Reply, bytearray]:
+    """Decode one photo in a process of its own.
+
+    Args:
+        request: what to decode.
+        limits: bounds on the size of the reply and on the time.
+        keep: False throws the pixels away as they come, for callers that only want to know that they would.
+
+    Returns:
+        The checked reply and its pixels, or none where the status is not DONE.
+
+    Raises:
+        CorruptImage: the decoder crashed on these bytes.
+        TooComplex: it ran out of time or memory.
+        UnsupportedFormat: HEIC is asked for and its decoder is not installed.
+        AvatarError: the process could not be started, or broke its protocol; not the photo's fault.
+    """
+    process = _start(request.codec)
+    ended = threading.Event()
+    watchdog = threading.Timer(limits.wall_seconds, _expire, (process, ended))
+    feeder = threading.Thread(target=_feed, args=(process, request), daemon=True)
+    watchdog.start()
+    feeder.start()
+    try:
+        started, reply, pixels = _read(process, request.output.channels, limits, keep)
+        status = process.wait()
+    finally:
+        watchdog.cancel()
+        _kill(process)
+        process.wait()
+        feeder.join()
+        if process.stdout is not None:
+            process.stdout.close()
+    if reply is None:
+        raise _explain(started, status, ended.is_set(), limits)
+    return reply, pixels
+
+
+def decoder_command(codec: Codec) -> list[str]:
+    """The command line of the decoding process.
+
+    Raises:
+        UnsupportedFormat: HEIC is asked for and its decoder is not installed.
+        AvatarError: there is no interpreter or no Pillow.
+    """
+    roots = [str(Path(__file__).resolve().parents[2]), _package_root("PIL")]
+    if codec == Codec.HEIC:
+        roots.append(_package_root("pillow_heif"))
+    if not sys.executable:
+        raise AvatarError("photos are decoded in a process of their own, and this program has no Python to start")
+    return [sys.executable, "-I", "-S", "-c", _BOOT, *dict.fromkeys(roots)]
+
+
+def readable_formats() -> tuple[str, ...]:
+    """Formats of photos that this installation reads; HEIC where its decoder is installed."""
+    return ("jpeg", "png", "webp", *(("heic",) if importlib.util.find_spec("pillow_heif") else ()))
+
+
+def _package_root(name: str) -> str:
+    found = importlib.util.find_spec(name)
+    if found is not None and found.origin is not None:
+        return str(Path(found.origin).resolve().parents[1])
+    if name == "pillow_heif":
+        raise UnsupportedFormat(
+            "the file is a HEIC image, and the decoder for it is not installed; install the extra 'heic'", extra="heic"
+        )
+    raise AvatarError(f"the package {name}, which decodes photos, is not installed")
+
+
+def _start(codec: Codec) -> subprocess.Popen[bytes]:
+    command = decoder_command(codec)
+    environment = {name: os.environ[name] for name in _KEPT_ENVIRONMENT if name in os.environ}
+    try:
+        return subprocess.Popen(  # noqa: S603 - our own interpreter and our own code, no shell
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+            start_new_session=True,
+        )
+    except OSError as fault:
+        raise AvatarError("the process that decodes photos could not be started") from fault
+
+
+def _feed(process: subprocess.Popen[bytes], request: Request) -> None:
+    # A process that ended early leaves a broken pipe; what it said, or its exit status, tells the rest.
+    with contextlib.suppress(OSError, ValueError):
+        pipe = _pipe(process.stdin)
+        try:
+            pipe.write(request.pack())
+            pipe.write(request.payload)
+        finally:
+            pipe.close()
+
+
+def _read(
+    process: subprocess.Popen[bytes], channels: int, limits: Limits, keep: bool
+) -> tuple[bool, Reply | None, bytearray]:
+    """Returns (the process has started, its reply where it is whole and within the limits, pixels)."""
+    pipe = _pipe(process.stdout)
+    if pipe.read(1) != READY:
+        return False, None, bytearray()
+    try:
+        reply = Reply.parse(pipe.read(REPLY_SIZE))
+    except ValueError:
+        return True, None, bytearray()
+    if reply.status != Status.DONE:
+        return True, reply, bytearray()
+    if max(reply.width, reply.height) > limits.max_side or reply.width * reply.height > limits.max_pixels:
+        return True, None, bytearray()
+    size = reply.width * reply.height * channels
+    pixels = bytearray(size if keep else min(size, _PIECE))
+    view = memoryview(pixels)
+    filled = 0
+    while filled < size:
+        count = pipe.readinto(view[filled:] if keep else view[: size - filled])  # type: ignore[attr-defined]
+        if not count:
+            return True, None, bytearray()
+        filled += count
+    return True, (None if pipe.read(1) else reply), pixels if keep else bytearray()
+
+
+def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:
+    if pipe is None:
+        raise AvatarError("the process that decodes photos has no pipe")
+    return pipe
+
+
+def _expire(process: subprocess.Popen[bytes], ended: threading.Event) -> None:
+    ended.set()
+    _kill(process)
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.kill()
+
+
+def _explain(started: bool, status: int, out_of_time: bool, limits: Limits) -> AvatarError:
+    """What it means that there is no reply."""
+    if out_of_time or (sys.platform != "win32" and status in (-signal.SIGXCPU, -signal.SIGKILL, -signal.SIGALRM)):
+        return TooComplex(
+            f"decoding took more than {limits.cpu_seconds} s of computing, {limits.wall_seconds:g} s in all "
+            f"or {limits.memory_bytes // 1024**2} MiB of memory"
+        )
+    if started and status < 0:
+        return CorruptImage("the image decoder crashed on this file; it is damaged or made to do so")
+    return AvatarError(f"the process that decodes photos failed with exit status {status}")

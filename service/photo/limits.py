@@ -9,7 +9,6 @@ from pathlib import Path
 from service.errors import (
     BadAspect,
     CorruptImage,
-    EmptyFile,
     TooManyBytes,
     TooManyPixels,
     TooSmallImage,
@@ -119,44 +118,25 @@ def called(source: str) -> str:
     return "standard input" if source == PIPE else source
 
 
-def read_bounded(source: str, limit: int) -> bytes:
-    """At most ``limit + 1`` bytes of a file, or of standard input for ``-``, which may be infinite.
-
-    Raises:
-        FileNotFoundError, NotADirectoryError, IsADirectoryError: there is no such file.
-        UnreadableInput: the system refuses to read it.
-    """
-    try:
-        if source == PIPE:
-            return sys.stdin.buffer.read(limit + 1)
-        with Path(source).open("rb") as stream:
-            return stream.read(limit + 1)
-    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
-        raise
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = getattr(error, "strerror", None) or error
-        raise UnreadableInput(f"cannot read {called(source)}: {reason}") from error
-
-
-def read_photo_file(source: str, limit: int | None = None) -> bytes:
-    """All bytes of a file, or of standard input for ``-``; at most ``limit``, None for those of one photo.
+def read_file(source: str, what: str = "photo", limit: int = Limits().max_bytes) -> bytes:
+    """All bytes of a file, or of standard input for ``-``.
 
     Raises:
         UsageError: there is no such file, or it is a folder.
         UnreadableInput: the system refuses to read it.
-        EmptyFile: zero bytes.
-        TooManyBytes: more than the decode gate accepts; the rest is not read, since a pipe may be infinite.
+        TooManyBytes: more than ``limit``; the rest is not read, since a pipe may be infinite.
     """
-    limit = Limits().max_bytes if limit is None else limit
     name = called(source)
     try:
-        data = read_bounded(source, limit)
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise UsageError(f"there is no file {name}; name a JPEG, PNG or WebP file, or - for standard input") from error
-    except IsADirectoryError as error:
-        raise UsageError(f"{name} is a folder; name one photo in it") from error
-    if not data:
-        raise EmptyFile(f"{name} is empty (0 bytes); a JPEG, PNG or WebP photo is needed")
+        if source == PIPE:
+            data = sys.stdin.buffer.read(limit + 1)
+        else:
+            with Path(source).open("rb") as stream:
+                data = stream.read(limit + 1)
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
+        raise UsageError(f"there is no {what} {name}; name a file, or - for standard input", field=what) from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise UnreadableInput(f"cannot read {name}: {getattr(error, 'strerror', None) or error}") from error
     if len(data) > limit:
-        raise TooManyBytes(f"{name} has more than {limit} bytes, which is the most that is accepted", limit=limit)
+        raise TooManyBytes(f"{name} has more than {limit} bytes, which is the most that a {what} may have", limit=limit)
     return data

@@ -1,21 +1,23 @@
 """A video of a person turning the head: its sharpest frames as photos.
 
 Told from photos by its first bytes: MP4 and QuickTime, WebM and Matroska; play lists, which lead to other files, are
-none of these. It is read in a process of its own (``service.photo.video_decoder``) with limits on bytes, pixels,
-frames, memory and time.
+none of these. It is read in a process of its own, started anew for each video: it opens the one file, gives up the
+right to open another, so that nothing in the file leads elsewhere, and may only write to its pipe.
 """
 
 from __future__ import annotations
 
+import os
+import struct
 import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from service.errors import AvatarError, CorruptImage, TooComplex, TooManyBytes, TooManyPixels
-from service.photo import video_decoder
-from service.photo.video_decoder import HEADER
+from service.photo.wire import lower_limits
 
 
 @dataclass(frozen=True)
@@ -39,8 +41,11 @@ class VideoLimits:
     wall_seconds: float = 300.0
 
 
+_BOOT = "import sys; sys.path.insert(0, sys.argv.pop(1)); from service.photo.video import main; main(*sys.argv[1:])"
 NO_VIDEO, TOO_LARGE = 3, 4
 """Exit statuses of the process."""
+HEADER = struct.Struct(">I")
+"""Length of the frame that follows; 0 ends."""
 HEIF = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif")
 """Brands of the same container that are photos."""
 
@@ -64,7 +69,8 @@ def sharp_frames(data: bytes, limits: VideoLimits = VideoLimits()) -> list[bytes
         path = Path(folder) / "video"
         path.write_bytes(data)
         numbers = (limits.moments, limits.max_frames, limits.max_pixels, limits.memory_bytes, limits.cpu_seconds)
-        command = [sys.executable, "-E", "-s", str(Path(video_decoder.__file__)), str(path), *map(str, numbers)]
+        root = Path(__file__).resolve().parents[2]
+        command = [sys.executable, "-E", "-s", "-c", _BOOT, str(root), str(path), *map(str, numbers)]
         try:
             done = subprocess.run(  # noqa: S603 - our own interpreter and program, no shell
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
@@ -95,3 +101,47 @@ def _frames(stream: bytes) -> list[bytes]:
         frames.append(stream[at : at + size])
         at += size
     return frames
+
+
+def main(path: str, *numbers: str) -> None:
+    """The process: writes the sharpest frame of each of so many equal parts of a video, as JPEG files."""
+    moments, most_frames, most_pixels, memory, seconds = map(int, numbers)
+    os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = "protocol_whitelist;file|threads;1"
+    os.environ["OPENCV_LOG_LEVEL"] = "OFF"
+    import cv2
+
+    cv2.setNumThreads(1)
+    capture = cv2.VideoCapture(path, cv2.CAP_FFMPEG)
+    if sys.platform == "linux":
+        lower_limits(CPU=seconds, AS=memory, CORE=0, FSIZE=0, NOFILE=0)
+    if not capture.isOpened():
+        sys.exit(NO_VIDEO)
+    width, height = (int(capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    if width < 1 or height < 1 or width * height > most_pixels:
+        sys.exit(TOO_LARGE)
+    told = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    count = min(told, most_frames) if told > 0 else most_frames
+    out, best, at = sys.stdout.buffer, (-1.0, b""), 0
+    for number in range(most_frames):
+        read, frame = capture.read()
+        if not read:
+            break
+        if number * moments // count != at:
+            at = number * moments // count
+            _send(out, best[1])
+            best = (-1.0, b"")
+        scale = min(480 / max(frame.shape[:2]), 1.0)
+        small = cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        sharp = float(cv2.Laplacian(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), cv2.CV_32F).var())
+        if sharp > best[0]:
+            # Quality 97 takes away less than the video has lost.
+            best = (sharp, cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 97])[1].tobytes())
+    _send(out, best[1])
+    out.write(HEADER.pack(0))
+    out.flush()
+
+
+def _send(out: BinaryIO, frame: bytes) -> None:
+    """One frame; an empty one is none."""
+    if frame:
+        out.write(HEADER.pack(len(frame)) + frame)

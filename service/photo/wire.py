@@ -147,3 +147,13 @@ class Reply(NamedTuple):
         if magic != _MAGIC or not 0 <= notes <= 15 or not believed:
             raise ValueError("not a reply")
         return cls(Status(status), Note(notes), width, height, focal, tuple(steps))
+
+
+def lower_limits(**limits: int) -> None:
+    """Set limits of this process (``CPU`` for ``RLIMIT_CPU``), as far as they are not lower already."""
+    import resource
+
+    for name, value in limits.items():
+        kind = getattr(resource, f"RLIMIT_{name}")
+        hard = resource.getrlimit(kind)[1]
+        resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard),) * 2)

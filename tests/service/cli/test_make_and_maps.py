@@ -22,10 +22,10 @@ from service import diagnosis, errors
 from service.cli.app import app
 from service.cli.files import progress_bar
 from service.cli.make_and_maps import destination
-from service.errors import AvatarError, EmptyFile, MultipleFaces, TooManyBytes, UnreadableInput, UsageError
+from service.errors import AvatarError, MultipleFaces, TooManyBytes, UnreadableInput, UsageError
 from service.face.several import LeftOut
 from service.options import Options
-from service.photo.limits import Limits, read_photo_file
+from service.photo.limits import Limits, read_file
 
 ROOT = Path(__file__).parents[3]
 Run = Callable[..., tuple[int, str, str]]
@@ -272,44 +272,38 @@ def test_openblas_has_one_thread_before_numpy_loads(tmp_path: Path, given: str |
 
 def test_a_file_is_read_whole(tmp_path: Path) -> None:
     (tmp_path / "a photo.jpg").write_bytes(b"\xff\xd8 bytes")
-    assert read_photo_file(str(tmp_path / "a photo.jpg")) == b"\xff\xd8 bytes"
+    assert read_file(str(tmp_path / "a photo.jpg")) == b"\xff\xd8 bytes"
 
 
 def test_a_pipe_is_read_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(b"bytes")))
-    assert read_photo_file("-") == b"bytes"
+    assert read_file("-") == b"bytes"
 
 
 def test_a_named_pipe_is_read(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     writer = threading.Thread(target=(tmp_path / "pipe").write_bytes, args=(b"bytes",))
     writer.start()
-    assert read_photo_file(str(tmp_path / "pipe")) == b"bytes"
+    assert read_file(str(tmp_path / "pipe")) == b"bytes"
     writer.join()
 
 
 def test_what_is_not_there_is_a_usage_error(tmp_path: Path) -> None:
     for name in (tmp_path / "no.jpg", tmp_path, tmp_path / "no" / "no.jpg"):
         with pytest.raises(UsageError, match=str(name)):
-            read_photo_file(str(name))
+            read_file(str(name))
 
 
 @pytest.mark.parametrize("name", ["a\0b.jpg", "a" * 5000 + ".jpg"])
 def test_a_name_that_no_file_can_have_is_refused_in_words(name: str) -> None:
     with pytest.raises(UnreadableInput):
-        read_photo_file(name)
-
-
-def test_an_empty_file_says_so(tmp_path: Path) -> None:
-    (tmp_path / "empty.jpg").touch()
-    with pytest.raises(EmptyFile, match="0 bytes"):
-        read_photo_file(str(tmp_path / "empty.jpg"))
+        read_file(name)
 
 
 def test_an_endless_pipe_ends_at_the_limit_of_the_gate() -> None:
     """Without the cap this test would fill the memory and never return."""
     with pytest.raises(TooManyBytes, match=str(Limits().max_bytes)):
-        read_photo_file("/dev/zero")
+        read_file("/dev/zero")
 
 
 def test_the_archive_goes_beside_the_photo() -> None:

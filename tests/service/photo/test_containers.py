@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from service.errors import CorruptImage, TooComplex, UnsupportedFormat
 from service.photo.container import MAX_CHUNKS, MAX_SEGMENTS, open_container
-from service.photo.conversions import MAX_EXIF_BYTES, ExifFacts, read_exif
+from service.photo.decoder import MAX_EXIF_BYTES, ExifFacts, read_exif
 from service.photo.gate import read_photo
 from service.photo.limits import Limits
 from tests.service.photo import badimages as bad

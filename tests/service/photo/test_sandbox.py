@@ -17,7 +17,7 @@ import pytest
 from PIL import Image, ImageCms, ImageFile, JpegImagePlugin, PngImagePlugin, WebPImagePlugin
 
 from service.errors import AvatarError, CorruptImage, TooComplex
-from service.photo import decoder, sandbox
+from service.photo import decoder, gate
 from service.photo.gate import read_photo
 from service.photo.limits import Limits
 from service.photo.wire import READY, REPLY_SIZE, Codec, Note, Output, Reply, Request, Status
@@ -52,7 +52,7 @@ def decode_measured(order: Request) -> Spent:
         "from service.photo.decoder import main; code = main(); status.seek(0); sys.stderr.write(status.read())\n"
         "sys.exit(code)"
     )
-    command = [boot if part == sandbox._BOOT else part for part in sandbox.decoder_command(order.codec)]
+    command = [boot if part == gate._BOOT else part for part in gate.decoder_command(order.codec)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(command, input=order.pack() + order.payload, capture_output=True, env={}, check=False)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -194,7 +194,7 @@ def test_decoder_has_locked_itself_when_it_looks_at_the_photo(monkeypatch: pytes
         decoder.decode = taken_over
         sys.exit(decoder.main())
     """
-    monkeypatch.setattr(sandbox, "_BOOT", textwrap.dedent(body))
+    monkeypatch.setattr(gate, "_BOOT", textwrap.dedent(body))
     with pytest.raises(CorruptImage, match="pixels could not be decoded"):
         read_photo(bad.save(bad.picture(), "PNG"))
 
@@ -202,7 +202,7 @@ def test_decoder_has_locked_itself_when_it_looks_at_the_photo(monkeypatch: pytes
 def test_decoder_gets_no_environment_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SECRET_TOKEN", "hunter2")
     monkeypatch.setattr(
-        sandbox, "_BOOT", "import os, sys; sys.stdout.write('R'); os._exit(7 if 'SECRET_TOKEN' in os.environ else 8)"
+        gate, "_BOOT", "import os, sys; sys.stdout.write('R'); os._exit(7 if 'SECRET_TOKEN' in os.environ else 8)"
     )
     with pytest.raises(AvatarError, match="exit status 8"):
         read_photo(bad.save(bad.picture(), "PNG"))
@@ -226,7 +226,7 @@ def test_decoder_loads_nothing_heavy() -> None:
 def lying_decoder(monkeypatch: pytest.MonkeyPatch, body: str) -> None:
     head = "import os, signal, struct, sys; sys.path[:0] = sys.argv[1:]; from service.photo.wire import *\n"
     monkeypatch.setattr(
-        sandbox, "_BOOT", head + "out = sys.stdout.buffer\nsys.stdin.buffer.read()\n" + textwrap.dedent(body)
+        gate, "_BOOT", head + "out = sys.stdout.buffer\nsys.stdin.buffer.read()\n" + textwrap.dedent(body)
     )
 
 
@@ -268,7 +268,7 @@ def test_decoder_that_hangs_after_closing_its_pipe_is_stopped(monkeypatch: pytes
 
 
 def test_decoder_that_never_reads_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sandbox, "_BOOT", "import time; time.sleep(60)")
+    monkeypatch.setattr(gate, "_BOOT", "import time; time.sleep(60)")
     noise = np.random.default_rng(0).integers(0, 256, (600, 600, 3), dtype=np.uint8)
     with pytest.raises(TooComplex):
         read_photo(bad.save(noise, "PNG"), Limits(wall_seconds=0.5))
