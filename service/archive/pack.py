@@ -23,8 +23,7 @@ from service.archive.maps import MapFiles, chart_pictures, chart_values, encode_
 from service.archive.obj import data_maps, mtl_bytes, obj_bytes, parts_obj_bytes
 from service.archive.skeleton import joint_weights, skeleton
 from service.archive.surfaces import displaced, subdivided_head
-from service.archive.usd import usda_bytes
-from service.archive.usd_curves import curves_bytes
+from service.archive.usd import curves_bytes, usda_bytes
 from service.archive.usd_materials import mtlx_bytes
 from service.arrays import Float32
 from service.levels import LEVELS

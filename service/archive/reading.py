@@ -12,8 +12,8 @@ import numpy as np
 
 from service.archive import manifest as m
 from service.archive.container import PART_TEXTURE, ArchiveFile
-from service.archive.read_obj import MAX_BYTES as MAX_OBJ
-from service.archive.read_obj import ObjMesh, read_obj
+from service.archive.obj import MAX_BYTES as MAX_OBJ
+from service.archive.obj import ObjMesh, read_obj
 from service.arrays import UInt8
 from service.errors import BadArchive, CorruptImage, NumericFault, UnreadableInput
 from service.geometry.mesh import normalise

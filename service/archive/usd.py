@@ -1,9 +1,13 @@
-"""``mesh/head.usda``: the neutral head for USD tools, with blendshapes whose weights give the photo's expression.
+"""``mesh/head.usda``: the neutral head for USD tools, with blendshapes whose weights give the photo's expression; and
+``mesh/hair.usda``: the strands of hair as BasisCurves, for tools that render or groom strands.
 
 A SkelRoot with one Mesh per part (original polygons with ``subdivisionScheme = "none"``, chart as ``primvars:st``,
 origin bottom left: face-varying with indices, or one per vertex where the texture has no cuts), the ARKit units as
 UsdSkel blendshapes, a skeleton, and one material per kind of surface. Positions are whole micrometres, offsets of
 blendshapes tens of them.
+
+Strands are linear curves from root to tip on the head at rest, with a width and a colour at each point: what Blender
+reads as hair curves, and Houdini and Unreal (with its plug-ins for USD and for hair) as grooms.
 """
 
 from __future__ import annotations
@@ -17,6 +21,8 @@ from service.archive.skeleton import JOINTS, PARENTS, Skeleton
 from service.archive.usd_materials import material_text
 from service.archive.usd_text import Prim, fixed_tuples, integers, numbers, read_prims, tokens
 from service.arrays import Float32, Float64, Int64
+from service.hair.groom import Groom
+from service.hair.guides import resampled
 from service.head.files import split_polygons
 from service.materials.part import MeshPart, part_normals
 
@@ -28,21 +34,8 @@ SMALLEST_TURN, TURN_STEP = 0.3, 0.05
 REST = "rest_of_the_photo"
 """Blendshape of weight 1 that holds what the photo's pose has beyond the units, where it has anything."""
 
-_STAGE = """\
-#usda 1.0
-(
-    defaultPrim = "Head"
-    doc = "{title}"
-    metersPerUnit = 1
-    upAxis = "Y"
-)
-
-def SkelRoot "Head" (
-    kind = "component"
-)
-{{
-"""
-
+_STAGE = '#usda 1.0\n(\n    defaultPrim = "{prim}"\n    doc = "{title}"\n    metersPerUnit = 1\n    upAxis = "Y"\n)\n\n'
+_ROOT = 'def SkelRoot "Head" (\n    kind = "component"\n)\n{\n'
 _MATERIALS = '    def Scope "Materials"\n    {\n'
 _VERTEX = 'interpolation = "vertex"'
 
@@ -72,7 +65,7 @@ def usda_bytes(
     shapes = {part.name: _blendshapes(part, units, expression) for part in parts}
     names = [*units, *([REST] if any(REST in one for one in shapes.values()) else [])]
     values = [1.0 if name == REST else float(expression.get(name, 0.0)) for name in names]
-    blocks = [_STAGE.format(title=title), _skeleton(joints, names, values).text("    ")]
+    blocks = [_STAGE.format(prim="Head", title=title), _ROOT, _skeleton(joints, names, values).text("    ")]
     blocks += [_mesh(part, shapes[part.name], weights.get(part.name)).text("    ") for part in parts]
     used = {part.material.name: part.material for part in parts}
     blocks += [_MATERIALS, *(material_text(material, files) for material in used.values())]
@@ -201,3 +194,39 @@ def _shape(name: str, offsets: Float32, turned: Float32) -> Prim:
         steps = np.rint(turned[moved] / TURN_STEP) * TURN_STEP
         values["uniform vector3f[] normalOffsets"] = f"[{fixed_tuples(steps, 2)}]"
     return Prim("BlendShape", name, values | {"uniform int[] pointIndices": f"[{integers(moved)}]"})
+
+
+MOST_POINTS = 48
+"""Of a strand in the file."""
+WIDTH_M = 8e-5
+"""Of a hair at its root: 0.05 to 0.1 mm (Robbins 2012, "Chemical and Physical Behavior of Human Hair", table 1.1)."""
+TIP = 0.3
+"""Width of the tip over that of the root."""
+
+
+def curves_bytes(groom: Groom, title: str) -> bytes:
+    """USD text of strands, positions to 10 micrometres.
+
+    Args:
+        groom: at least one strand.
+        title: for the stage's documentation.
+    """
+    count = min(groom.strands.shape[1], MOST_POINTS)
+    strands = resampled(groom.strands, np.ones(len(groom), np.float32), count)
+    colour = groom.colour.linear(count).reshape(-1, 3)
+    along = np.linspace(0, 1, count)
+    width = WIDTH_M * (1 - (1 - TIP) * along**3)
+    points, half = strands.reshape(-1, 3), 0.5 * WIDTH_M
+    values: dict[str, str | None] = {
+        "uniform token type": '"linear"',
+        "uniform token wrap": '"nonperiodic"',
+        "float3[] extent": f"[{fixed_tuples([points.min(0) - half, points.max(0) + half], 6)}]",
+        "int[] curveVertexCounts": f"[{integers(np.full(len(groom), count))}]",
+        "point3f[] points": f"[{fixed_tuples(points, 5)}]",
+        "float[] widths": f"[{','.join([numbers(width, 2)] * len(groom))}]",
+        "color3f[] primvars:displayColor": f"[{fixed_tuples(colour, 3)}]",
+    }
+    facts = {"float[] widths": (_VERTEX,), "color3f[] primvars:displayColor": (_VERTEX,)}
+    return (_STAGE.format(prim="Hair", title=title) + Prim("BasisCurves", "Hair", values, facts).text("")).encode(
+        "ascii"
+    )

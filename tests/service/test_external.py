@@ -17,9 +17,8 @@ from typer.testing import CliRunner
 
 from service.archive.images import encode_png
 from service.archive.manifest import from_json, json_schema
-from service.archive.obj import obj_bytes
+from service.archive.obj import obj_bytes, read_obj
 from service.archive.pack import archive_members
-from service.archive.read_obj import read_obj
 from service.cli.app import app
 from service.errors import BadAspect, BadMesh, UnreadableInput, UsageError
 from service.external import check_aspect, external_maps, make_external, mesh_type, vertices_of

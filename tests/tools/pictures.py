@@ -21,9 +21,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from service.archive.preview.page import GREY, blank, write_text
-from service.kits.blender import blender
-from service.kits.export import export_kit
+from service.archive.preview.sheet import GREY, blank, write_text
+from service.kits.export import blender, export_kit
 from tests.support.browser import launched
 from tests.tools.mitsuba_look import bounds, draw, shown
 from tests.tools.surfaces import FORMATS, surfaces

@@ -7,8 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from service.archive.avatar import Avatar
-from service.archive.preview.page import GREY, INK, PAPER, Image, blank, paste, to_pixels, write_text
-from service.archive.preview.sheet import clay_picture
+from service.archive.preview.sheet import (
+    GREY,
+    INK,
+    PAPER,
+    Image,
+    blank,
+    clay_picture,
+    paste,
+    to_pixels,
+    write_text,
+)
 from service.arrays import Float64, Int64
 from service.face.fit.fit import Fit
 from service.geometry.camera import Camera

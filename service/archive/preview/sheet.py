@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +12,7 @@ import numpy.typing as npt
 from service.anatomy.wearables import small_albedo, to_albedo
 from service.archive.avatar import Avatar
 from service.archive.images import encode_normals8
-from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, paste, to_pixels, write_text
-from service.arrays import Float32, UInt8, UInt16
+from service.arrays import AnyFloat, Float32, UInt8, UInt16
 from service.colour import bytes_to_linear
 from service.geometry.camera import Camera
 from service.geometry.mesh import normalise
@@ -23,6 +22,16 @@ from service.materials.part import framed
 from service.render.draw import DrawnHead, over, see, sketch
 from service.render.view import turned_camera
 
+Image = UInt8
+Colour = tuple[int, int, int]
+
+PAPER: Colour = (250, 250, 248)
+TILE_COLOUR: Colour = (234, 235, 236)
+INK: Colour = (38, 42, 48)
+GREY: Colour = (118, 122, 128)
+WARNING: Colour = (176, 72, 20)
+
+_WITHOUT_FONT = str.maketrans({"°": "", "·": "-", "–": "-", "²": "2"})
 What = TypeVar("What")
 View = tuple[str, Image]
 
@@ -301,3 +310,42 @@ def _measured(avatar: Avatar) -> Iterator[tuple[str, str]]:
         between = avatar.similarity.impostor.get("centred_cosine_p95")
         if between is not None:
             yield "95 % of other people", f"below {between:.2f}"
+
+
+def blank(width: int, height: int, colour: Colour = PAPER) -> Image:
+    """(height, width, 3) uint8 sRGB of one colour."""
+    return np.full((height, width, 3), colour, np.uint8)
+
+
+def backdrop(width: int, height: int) -> Float32:
+    """(height, width, 3) float32 sRGB in [0, 1]: the tile colour, brighter behind the head."""
+    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
+    away = ((x - width / 2) / (0.7 * width)) ** 2 + ((y - 0.42 * height) / (0.7 * height)) ** 2
+    glow = np.float32(0.05) * np.exp(-2 * away)[..., None]
+    return np.asarray(np.array(TILE_COLOUR, np.float32) / 255 * 0.98 + glow, np.float32)
+
+
+def paste(page: Image, picture: Image, x: int, y: int) -> None:
+    """Copy ``picture`` into ``page`` with its top left corner at (x, y); it has to lie within the page."""
+    height, width = picture.shape[:2]
+    page[y : y + height, x : x + width] = picture
+
+
+def write_text(page: Image, text: str, x: int, y: int, size: int, colour: Colour = INK, *, bold: bool = False) -> None:
+    """Write one line of ``text`` into ``page``, its baseline starting at (x, y), ``size`` pixels high.
+
+    OpenCV 5 has a typeface; before it there are only stroke fonts, without a degree sign.
+    """
+    import cv2
+
+    library: Any = cv2
+    if hasattr(library, "FontFace"):
+        library.putText(page, text, (x, y), colour, library.FontFace("sans"), size, 600 if bold else 400)
+        return
+    plain = text.translate(_WITHOUT_FONT).encode("ascii", "replace").decode()
+    library.putText(page, plain, (x, y), library.FONT_HERSHEY_SIMPLEX, size / 32, colour, 1 + bold, library.LINE_AA)
+
+
+def to_pixels(picture: AnyFloat) -> Image:
+    """Coded values in [0, 1] -> uint8."""
+    return np.asarray(np.rint(np.clip(picture, 0.0, 1.0) * 255), np.uint8)

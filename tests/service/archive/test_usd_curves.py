@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.archive.usd_curves import MOST_POINTS, curves_bytes
+from service.archive.usd import MOST_POINTS, curves_bytes
 from service.hair.groom import make_groom
 from service.hair.style import NAMED
 

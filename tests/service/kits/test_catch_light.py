@@ -20,7 +20,7 @@ import pytest
 from service.anatomy.eye_meshes import eye_parts
 from service.archive.glb import glb_bytes
 from service.head.files import load_head
-from service.kits.blender import blender
+from service.kits.export import blender
 from service.materials.part import head_parts
 from tests.tools.three_look import THREE, look_at_an_eye
 

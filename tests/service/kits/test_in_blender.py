@@ -1,6 +1,6 @@
 """Blender's own importers read the three formats alike, and the kit's scene is driven as a whole.
 
-Blender is what ``service.kits.blender.blender`` finds: AVATARME_BLENDER, ``blender``, or the module bpy, which cannot
+Blender is what ``service.kits.export.blender`` finds: AVATARME_BLENDER, ``blender``, or the module bpy, which cannot
 share an environment with numpy 2: ``python -m venv blender; blender/bin/pip install "bpy<5"``.
 """
 
@@ -19,8 +19,7 @@ import pytest
 
 from service.archive.pack import write_archive
 from service.head.files import triangle_fields
-from service.kits.blender import blender
-from service.kits.export import export_kit
+from service.kits.export import blender, export_kit
 from service.reflectance.reflectance_maps import Wrinkle
 from tests.service.archive.toys import whole_avatar
 

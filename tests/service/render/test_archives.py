@@ -16,8 +16,8 @@ from service.archive import reading
 from service.archive.avatar import Avatar
 from service.archive.container import ArchiveFile
 from service.archive.images import encode_png
+from service.archive.obj import read_obj
 from service.archive.pack import archive_members
-from service.archive.read_obj import read_obj
 from service.archive.reading import described_parts, open_avatar, unpack_map
 from service.errors import BadArchive, BadMesh, UsageError
 from service.head.model import HeadModel
