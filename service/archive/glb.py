@@ -278,6 +278,32 @@ def packed(pixels: UInt8, slot: Slot) -> UInt8:
     return channels
 
 
+def chart_textures(
+    colour: UInt8,
+    normal: UInt8 | None = None,
+    specular: UInt8 | None = None,
+    roughness: UInt8 | None = None,
+    cavity: UInt8 | None = None,
+) -> dict[str, Picture]:
+    """Textures of the chart by role, each (h, w, 3) or (h, w) in the channels where glTF reads it.
+
+    Normals are of tangent space, +Y up. Specular albedo is in alpha (KHR_materials_specular): the factor scales F0 =
+    0.04 of the default index of refraction, as the map does. Roughness and cavity are one picture.
+    """
+    found = {"diffuse_albedo": _encoded(colour, "colour")}
+    if roughness is not None:
+        channels = packed(roughness, "roughness")
+        channels[..., 0] = 255 if cavity is None else cavity
+        found["roughness"] = _encoded(channels, "roughness")
+        if cavity is not None:
+            found["cavity"] = found["roughness"]
+    if normal is not None:
+        found["specular_normal"] = _encoded(normal, "normal")
+    if specular is not None:
+        found["specular_albedo"] = _encoded(packed(specular, "specular"), "specular")
+    return found
+
+
 def glb_bytes(
     parts: Sequence[MeshPart],
     charts: Mapping[str, Picture],

@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from service.archive.avatar import Avatar
-from service.archive.glb import JPEG_QUALITY, Picture
+from service.archive.glb import Picture, chart_textures
 from service.archive.images import (
     Rows,
-    encode_jpeg,
     encode_normals8,
     encode_png,
     encode_png_rows,
@@ -26,8 +25,8 @@ from service.arrays import Float32, UInt8, UInt16
 from service.levels import LEVELS
 from service.map_registry import MAPS, WRINKLE, RegisteredMap
 from service.materials.material import Map, OwnMap
-from service.reflectance.reflectance_maps import MID, NORMAL_ONE, SCALE_MM, Wrinkle, unpack_normals
-from service.reflectance.surface_maps import CODES_PER_MM
+from service.reflectance.reflectance_maps import MID, NORMAL_ONE, SCALE_MM, Reflectance, Wrinkle, unpack_normals
+from service.reflectance.surface_maps import CODES_PER_MM, SurfaceMaps
 
 HEIGHT_STEP = 1 / 128
 """Steps of the displacement, as a share of a texel's side: the slope between texels is then as fine as in the 8-bit
@@ -168,32 +167,20 @@ OBJ_TEXTURE_PX, SMALL_OBJ_PX = 1024, 512
 
 
 def chart_pictures(avatar: Avatar) -> dict[str, Picture]:
-    """Textures of the chart by role, in the channels where glTF reads them.
+    """Textures of the chart by role, as the GLB has them.
 
-    "diffuse_albedo" is the texture, with the photo's light in it, where there is no albedo. Specular albedo is in alpha
-    (KHR_materials_specular): the factor scales F0 = 0.04 of the default index of refraction, as the map does. Normals
-    are of tangent space, +Y up; glTF decodes code / 127.5 - 1, so that 128 is 0.004 instead of 0; no code is 0 exactly,
-    and the error is invisible. Roughness is in green and cavity in red of one picture, beside a blue without metal.
+    "diffuse_albedo" is the texture, with the photo's light in it, where there is no albedo. glTF decodes codes of
+    normals as code / 127.5 - 1, so that 128 is 0.004 instead of 0; no code is 0 exactly, and the error is invisible.
     """
-    made, surface = avatar.reflectance, avatar.surface
-    albedo = None if made is None else made.diffuse_albedo
-    colours = _fitting(avatar.texture.texture) if albedo is None else (_fitting(albedo) // 257).astype(np.uint8)
-    found = {"diffuse_albedo": Picture(encode_jpeg(colours, JPEG_QUALITY), "image/jpeg")}
-    if surface is not None and surface.roughness is not None:
-        channels = np.zeros((*surface.roughness.shape, 3), np.uint8)
-        channels[..., 0] = 255 if surface.cavity is None else surface.cavity
-        channels[..., 1] = surface.roughness
-        found["roughness"] = _data_picture(channels)
-        if surface.cavity is not None:
-            found["cavity"] = found["roughness"]
-    if made is not None and made.specular_normal is not None:
-        found["specular_normal"] = _data_picture(encode_normals8(unpack_normals(_fitting(made.specular_normal))))
-    if made is not None and made.specular_albedo is not None:
-        alpha = _fitting(made.specular_albedo)
-        rgba = np.full((*alpha.shape, 4), 255, np.uint8)
-        rgba[..., 3] = to_8_bits(alpha)
-        found["specular_albedo"] = _data_picture(rgba)
-    return found
+    made, surface = avatar.reflectance or Reflectance((0, 0)), avatar.surface or SurfaceMaps()
+    albedo, normal, specular = made.diffuse_albedo, made.specular_normal, made.specular_albedo
+    return chart_textures(
+        _fitting(avatar.texture.texture) if albedo is None else (_fitting(albedo) // 257).astype(np.uint8),
+        None if normal is None else encode_normals8(unpack_normals(_fitting(normal))),
+        None if specular is None else to_8_bits(_fitting(specular)),
+        surface.roughness,
+        surface.cavity,
+    )
 
 
 def chart_values(avatar: Avatar) -> dict[str, Float32]:
@@ -210,11 +197,6 @@ def chart_values(avatar: Avatar) -> dict[str, Float32]:
     if avatar.surface is not None and avatar.surface.roughness is not None:
         found["roughness"] = _fitting(avatar.surface.roughness, obj=True) / np.float32(255)
     return {role: np.asarray(values, np.float32) for role, values in found.items()}
-
-
-def _data_picture(codes: UInt8) -> Picture:
-    """PNG of data."""
-    return Picture(encode_png_rows(Rows.of(codes), srgb=False), "image/png")
 
 
 def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Scalar]:

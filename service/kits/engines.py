@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from service.archive.container import ArchiveFile
-from service.archive.glb import Picture, glb_bytes
-from service.archive.images import NORMAL_SCALE, NORMAL_ZERO, encode_jpeg, encode_png
+from service.archive.glb import Picture, chart_textures, glb_bytes
+from service.archive.images import NORMAL_SCALE, NORMAL_ZERO, encode_png
 from service.archive.reading import unpack_map
 from service.arrays import UInt8
 from service.kits.lod import levels_of_detail, triangles
@@ -84,18 +84,12 @@ class Charts:
 def glb_charts(charts: Charts) -> dict[str, Picture]:
     """Textures of the chart for ``service.archive.glb``, no larger than ``IN_GLB``, by role."""
     small = Charts(charts.source, IN_GLB, {role: _square(codes, IN_GLB) for role, codes in charts._read.items()})
-    found = {"diffuse_albedo": Picture(encode_jpeg(small.codes(small.colour), 92), "image/jpeg")}
-    if small.has("specular_normal"):
-        found["specular_normal"] = Picture(encode_png(small.normal(up=True), srgb=False), "image/png")
-    if small.has("specular_albedo"):
-        alpha = small.packed({}, (255, 255, 255, "specular_albedo"))
-        found["specular_albedo"] = Picture(encode_png(alpha, srgb=False), "image/png")
-    if small.has("roughness"):
-        orm = Picture(encode_png(small.packed({}, ("cavity", "roughness", 0)), srgb=False), "image/png")
-        found["roughness"] = orm
-        if small.has("cavity"):
-            found["cavity"] = orm
-    return found
+    plain = {
+        slot: small.codes(role)[..., 0] if small.has(role) else None
+        for slot, role in (("specular", "specular_albedo"), ("roughness", "roughness"), ("cavity", "cavity"))
+    }
+    normal = small.normal(up=True) if small.has("specular_normal") else None
+    return chart_textures(small.codes(small.colour), normal, **plain)
 
 
 def half(codes: UInt8) -> UInt8:

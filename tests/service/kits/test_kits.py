@@ -18,7 +18,7 @@ from service.archive.manifest import from_json
 from service.archive.pack import write_archive
 from service.cli.app import app
 from service.errors import BadArchive, UsageError
-from service.kits import blender
+from service.kits import export as blender
 from service.kits.export import export_kit
 from service.kits.lod import levels_of_detail, reduced, subdivided_part, triangles
 from service.kits.source import materials_of, opened, read_parts

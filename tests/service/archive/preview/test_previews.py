@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service.archive.preview import page
+from service.archive.preview import sheet as page
 from service.archive.preview.overlay import PANEL, crop_box, fitted_landmarks, overlay
 from service.archive.preview.sheet import (
     INPAINTED_COLOUR,
