@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from service.archive.surfaces import vertex_normals
-from tests.tools.exr import read as read_exr
 
 Float = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -72,12 +71,22 @@ def decoded(image: npt.NDArray[Any]) -> Float:
     return np.concatenate([rgb, alpha], 2)
 
 
+def exr(data: bytes) -> npt.NDArray[np.float16]:
+    """(h, w) or (h, w, 3) of an OpenEXR file, as Mitsuba's reader has them."""
+    import mitsuba as mi
+
+    mi.set_variant("scalar_rgb")
+    stream = mi.MemoryStream()
+    stream.write(data)
+    stream.seek(0)
+    return np.array(mi.Bitmap(stream))
+
+
 def picture(path: Path) -> Float:
     """(h, w, 4) of a file."""
     if path.suffix == ".exr":
-        planes = read_exr(path.read_bytes())
-        order = "Y" if "Y" in planes else "BGR"
-        return decoded(np.stack([planes[name].astype(np.float32) for name in order], 2))
+        values = np.atleast_3d(exr(path.read_bytes()))
+        return decoded(values[..., ::-1])
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     assert image is not None, path
     return decoded(image)
@@ -95,9 +104,7 @@ def _unit(image: Float) -> Float:
 
 
 def _glb(folder: Path) -> list[Surface]:
-    data = (folder / "mesh" / FORMATS["glb"]).read_bytes()
-    length = struct.unpack_from("<I", data, 12)[0]
-    told, binary = json.loads(data[20 : 20 + length]), data[28 + length :]
+    told, binary = gltf((folder / "mesh" / FORMATS["glb"]).read_bytes())
     weights = next(node["extras"]["expressionWeights"] for node in told["nodes"] if "extras" in node)
     found = []
     for mesh in told["meshes"]:
@@ -105,32 +112,39 @@ def _glb(folder: Path) -> list[Surface]:
         by_name = dict(zip(mesh.get("extras", {}).get("targetNames", ()), part.get("targets", ()), strict=True))
         moved = [(weight, by_name[name]) for name, weight in weights.items() if name in by_name]
         points, normals = (
-            _accessor(told, binary, part["attributes"][key])
-            + sum((weight * _accessor(told, binary, one[key]) for weight, one in moved), np.zeros(3))
+            accessor(told, binary, part["attributes"][key])
+            + sum((weight * accessor(told, binary, one[key]) for weight, one in moved), np.zeros(3))
             for key in ("POSITION", "NORMAL")
         )
-        uv = _accessor(told, binary, part["attributes"]["TEXCOORD_0"]) * [1, -1] + [0, 1]
-        triangles = _accessor(told, binary, part["indices"]).astype(np.int64).reshape(-1, 3)
+        uv = accessor(told, binary, part["attributes"]["TEXCOORD_0"]) * [1, -1] + [0, 1]
+        triangles = accessor(told, binary, part["indices"]).astype(np.int64).reshape(-1, 3)
         material = told["materials"][part["material"]]
         found.append(Surface(mesh["name"], points, normals, uv, triangles, *_gltf_material(told, binary, material)))
     return found
 
 
-def _accessor(told: dict[str, Any], binary: bytes, index: int) -> Float:
+def gltf(data: bytes) -> tuple[dict[str, Any], bytes]:
+    """JSON and buffer of a GLB."""
+    length = struct.unpack_from("<I", data, 12)[0]
+    return json.loads(data[20 : 20 + length]), data[28 + length :]
+
+
+def values_of(told: dict[str, Any], binary: bytes, at: dict[str, Any], count: int, wide: int) -> npt.NDArray[Any]:
+    """(count, wide) numbers at a place of a buffer view."""
+    start = told["bufferViews"][at["bufferView"]].get("byteOffset", 0) + at.get("byteOffset", 0)
+    return np.frombuffer(binary, KINDS[at.get("componentType", 5126)], count * wide, start).reshape(count, wide)
+
+
+def accessor(told: dict[str, Any], binary: bytes, index: int) -> Float:
+    """(N, C) of a glTF accessor."""
     one = told["accessors"][index]
-    wide = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[one["type"]]
-
-    def values(at: dict[str, Any], kind: int, count: int, wide: int) -> npt.NDArray[Any]:
-        start = told["bufferViews"][at["bufferView"]].get("byteOffset", 0) + at.get("byteOffset", 0)
-        return np.frombuffer(binary, KINDS[kind], count * wide, start).reshape(count, wide)
-
-    kind, count = one["componentType"], one["count"]
-    rows = values(one, kind, count, wide) if "bufferView" in one else np.zeros((count, wide))
+    wide, count = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[one["type"]], one["count"]
+    rows = values_of(told, binary, one, count, wide) if "bufferView" in one else np.zeros((count, wide))
     rows = rows.astype(np.float64)
     if "sparse" in one:
         few = one["sparse"]
-        index_rows = values(few["indices"], few["indices"]["componentType"], few["count"], 1)[:, 0]
-        rows[index_rows] = values(few["values"], kind, few["count"], wide)
+        index_rows = values_of(told, binary, few["indices"], few["count"], 1)[:, 0]
+        rows[index_rows] = values_of(told, binary, few["values"], few["count"], wide)
     return rows
 
 

@@ -22,7 +22,7 @@ from service.archive.images import (
     exr_bytes,
 )
 from service.errors import NumericFault
-from tests.tools.exr import read as read_exr
+from tests.tools.surfaces import exr
 
 RAMP = np.arange(16 * 24 * 3, dtype=np.uint64).reshape(16, 24, 3).astype(np.uint8)
 
@@ -139,11 +139,8 @@ def test_what_png_does_not_have(shape: tuple[int, ...], bits: int) -> None:
 def test_it_is_read_back(shape: tuple[int, ...]) -> None:
     image = np.random.default_rng(4).uniform(-1, 2, shape).astype(np.float32)
     image.reshape(-1)[: image.size // 2] = 0.25  # a part that compresses
-    found = read_exr(exr_bytes(image))
-    planes = {"Y": image} if image.ndim == 2 else {name: image[..., "RGB".index(name)] for name in "RGB"}
-    assert set(found) == set(planes)
-    for name, plane in planes.items():
-        np.testing.assert_array_equal(found[name], plane.astype(np.float16))
+    pytest.importorskip("mitsuba")
+    np.testing.assert_array_equal(exr(exr_bytes(image)), image.astype(np.float16))
 
 
 def test_another_shape_is_refused() -> None:

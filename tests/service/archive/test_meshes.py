@@ -26,6 +26,7 @@ from service.archive.usd_text import fixed_tuples
 from service.errors import NumericFault
 from service.materials.part import MeshPart, head_parts, material_of, part_normals
 from tests.service.archive.toys import toy_avatar, toy_part, toy_texture
+from tests.tools.surfaces import accessor, gltf, values_of
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
 
@@ -72,31 +73,16 @@ class Glb:
 
     @classmethod
     def read(cls, data: bytes) -> Glb:
-        magic, version, total = struct.unpack_from("<4sII", data)
-        assert (magic, version, total) == (b"glTF", 2, len(data))
-        (length,) = struct.unpack_from("<I", data, 12)
-        return cls(json.loads(data[20 : 20 + length]), data[28 + length :])
-
-    def view(self, view: int, offset: int, dtype: str, count: int, width: int) -> npt.NDArray[Any]:
-        start = self.json["bufferViews"][view].get("byteOffset", 0) + offset
-        return np.frombuffer(self.binary, dtype, count * width, start).reshape(count, width)
+        assert struct.unpack_from("<4sII", data) == (b"glTF", 2, len(data))
+        return cls(*gltf(data))
 
     def accessor(self, index: int) -> npt.NDArray[Any]:
-        a = self.json["accessors"][index]
-        dtype = {5126: "<f4", 5123: "<u2", 5125: "<u4"}
-        width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[a["type"]]
-        values = np.zeros((a["count"], width), dtype[a["componentType"]])
-        if "bufferView" in a:
-            values = self.view(a["bufferView"], a.get("byteOffset", 0), dtype[a["componentType"]], a["count"], width)
-        if "sparse" in a:
-            s = a["sparse"]
-            where = s["indices"]
-            rows = self.view(where["bufferView"], where["byteOffset"], dtype[where["componentType"]], s["count"], 1)
+        told = self.json["accessors"][index]
+        if "sparse" in told:
+            rows = values_of(self.json, self.binary, told["sparse"]["indices"], told["sparse"]["count"], 1)
             assert (np.diff(rows[:, 0].astype(int)) > 0).all()
-            new = self.view(s["values"]["bufferView"], s["values"]["byteOffset"], "<f4", s["count"], width)
-            values = values.copy()
-            values[rows[:, 0]] = new
-        return values
+        values = accessor(self.json, self.binary, index)
+        return values if told["componentType"] == 5126 else values.astype(int)
 
 
 @pytest.fixture(scope="module")
