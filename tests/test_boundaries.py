@@ -49,7 +49,6 @@ FORBIDDEN = {
     "benchmarks": {f"tests.{room.name}" for room in (ROOT / "tests").iterdir() if room.stem != "support"},
 }
 
-
 def imported_names(source: str) -> Iterator[str]:
     """Dotted names of all imports, those inside functions too."""
     for node in ast.walk(ast.parse(source)):

@@ -194,7 +194,9 @@ class _Edges:
     end: Int64
 
 
-def collapsed(points: Sequence[AnyFloat], triangles: AnyInt, vertex: AnyInt, wanted: Sequence[int]) -> list[Int64]:
+def collapsed(
+    points: Sequence[AnyFloat], triangles: AnyInt, vertex: AnyInt, wanted: Sequence[int]
+) -> list[Int64]:
     """For each number wanted (M, 3) triangles, about as many or as few as the topology allows.
 
     Args:

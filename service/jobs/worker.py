@@ -35,7 +35,6 @@ from service.jobs.workflow import Workflows
 
 log = logging.getLogger(__name__)
 
-
 class Worker:
     """One worker, from its start to its end.
 

@@ -89,8 +89,7 @@ def of_jobs(runner: Runner) -> Workflows:
     settings = runner.settings
     queues: dict[str, dict[str, Any]] = {
         kind.place: {
-            "worker_concurrency": kind.most(settings),
-            "polling_interval_sec": SLOW_POLL if kind is EXPORT else POLL,
+            "worker_concurrency": kind.most(settings), "polling_interval_sec": SLOW_POLL if kind is EXPORT else POLL,
         }
         for kind in KINDS.values()
         if kind.most(settings)

@@ -238,13 +238,7 @@ def load_session(name: str, threads: int = 2, folder: Path = MODELS, *, in_order
 
 
 def native_session(
-    name: str,
-    data: bytes,
-    threads: int,
-    folder: Path = MODELS,
-    *,
-    optimise: bool = True,
-    in_order: bool = False,
+    name: str, data: bytes, threads: int, folder: Path = MODELS, *, optimise: bool = True, in_order: bool = False,
     accelerator: str = "",
 ) -> Any:
     """Session of onnxruntime for checked bytes, without a memory arena (it would keep the largest input for ever).

@@ -207,7 +207,9 @@ def _together(found: Sequence[tuple[Octave, ...]], areas: Sequence[float]) -> tu
         return found[0]
     total = max(sum(areas), 1e-6)
     shares = np.array([[one.share for one in octaves] for octaves in found]) * np.array(areas)[:, None] / total
-    return tuple(replace(one, share=round(float(share), 4)) for one, share in zip(found[0], shares.sum(0), strict=True))
+    return tuple(
+        replace(one, share=round(float(share), 4)) for one, share in zip(found[0], shares.sum(0), strict=True)
+    )
 
 
 def own_texture_of(texture: Texture, own: OwnDetail, size: tuple[int, int]) -> UInt8 | None:

@@ -70,7 +70,9 @@ def test_warm_light_cuts_blue_off_and_a_ceiling_blows_one_channel() -> None:
     np.testing.assert_array_equal(blown[..., 1:], plain[..., 1:])
 
 
-@pytest.mark.parametrize(("camera", "start"), [(Lens(size=32, noise=3.0, jpeg=40), b"\xff\xd8"), (Lens(), b"\x89P")])
+@pytest.mark.parametrize(
+    ("camera", "start"), [(Lens(size=32, noise=3.0, jpeg=40), b"\xff\xd8"), (Lens(), b"\x89P")]
+)
 def test_files_are_what_the_camera_writes(camera: Lens, start: bytes) -> None:
     pixels = develop(RAMP, FACE, camera)
     data = encoded(pixels, camera)
@@ -165,7 +167,8 @@ def test_true_normals_score_far_higher_than_tilted_ones() -> None:
     tilted = flat + np.int16(6000)
     made: Any = [SimpleNamespace(specular_normal=bumps) for bumps in (flat, tilted)]
     scores = [
-        judge.relief(cast(Any, SimpleNamespace(head=avatar.head, fit=avatar.fit, reflectance=one))) for one in made
+        judge.relief(cast(Any, SimpleNamespace(head=avatar.head, fit=avatar.fit, reflectance=one)))
+        for one in made
     ]
     assert scores[0] > 35 > 25 > scores[1]
 

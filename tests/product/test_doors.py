@@ -161,7 +161,9 @@ def worker_and_below(service: Service) -> list[int]:
     return [] if worker is None else [worker, *descendants(worker)]
 
 
-def test_killed_in_every_stage_a_job_ends_with_the_same_bytes(service: Service, photos: Path, local: Archives) -> None:
+def test_killed_in_every_stage_a_job_ends_with_the_same_bytes(
+    service: Service, photos: Path, local: Archives
+) -> None:
     """SIGKILL in turns to everything, and to the worker and what it started; what was kept stays kept.
 
     A worker that ends again and again is started after longer and longer pauses, which end with the server.

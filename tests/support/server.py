@@ -140,7 +140,9 @@ class Server:
             raise
 
 
-def post(client: httpx.Client, photo: bytes, seed: int = 0, key: str | None = None, **options: Any) -> httpx.Response:
+def post(
+    client: httpx.Client, photo: bytes, seed: int = 0, key: str | None = None, **options: Any
+) -> httpx.Response:
     """Post a photo."""
     headers = {"Idempotency-Key": key} if key is not None else {}
     files: Any = {

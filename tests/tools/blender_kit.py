@@ -114,25 +114,14 @@ def main() -> None:
     told: dict[str, Any] = {
         "units": len(units_of(armature)),
         "bones": sorted(bone.name for bone in armature.data.bones),
-        "drivers": {
-            name: len(mesh.data.shape_keys.animation_data.drivers)
-            for name, mesh in meshes.items()
-            if mesh.data.shape_keys
-        },
-        "missing": [
-            one.name
-            for one in bpy.data.images
-            if one.source == "FILE" and not Path(bpy.path.abspath(one.filepath)).is_file()
-        ],
-        "displaced": [
-            one.name
-            for one in bpy.data.materials
-            if one.use_nodes and any(link.to_socket.name == "Displacement" for link in one.node_tree.links)
-        ],
+        "drivers": {name: len(mesh.data.shape_keys.animation_data.drivers) for name, mesh in meshes.items()
+                    if mesh.data.shape_keys},
+        "missing": [one.name for one in bpy.data.images
+                    if one.source == "FILE" and not Path(bpy.path.abspath(one.filepath)).is_file()],
+        "displaced": [one.name for one in bpy.data.materials if one.use_nodes and any(
+            link.to_socket.name == "Displacement" for link in one.node_tree.links)],
         "subdivided": [name for name, mesh in meshes.items() if any(m.type == "SUBSURF" for m in mesh.modifiers)],
-        "moved_mm": {},
-        "border_mm": border_mm(),
-        "folds": {},
+        "moved_mm": {}, "border_mm": border_mm(), "folds": {},
         "camera": None if camera is None else {"lens": camera.data.lens},
     }
     if len(sys.argv) > 3:

@@ -76,29 +76,17 @@ def facts(meshes: list[Any]) -> dict[str, Any]:
     found = {}
     for one in meshes:
         material = one.active_material
-        wires = (
-            []
-            if material is None or not material.use_nodes
-            else [
-                f"{link.from_node.bl_idname} -> {link.to_socket.name}"
-                for link in material.node_tree.links
-                if link.to_node.bl_idname in ENDS
-            ]
-        )
-        missing = (
-            []
-            if material is None
-            else [
-                node.image.name
-                for node in material.node_tree.nodes
-                if node.bl_idname == "ShaderNodeTexImage" and node.image and not len(node.image.pixels)
-            ]
-        )
+        wires = [] if material is None or not material.use_nodes else [
+            f"{link.from_node.bl_idname} -> {link.to_socket.name}"
+            for link in material.node_tree.links if link.to_node.bl_idname in ENDS
+        ]
+        missing = [] if material is None else [
+            node.image.name for node in material.node_tree.nodes
+            if node.bl_idname == "ShaderNodeTexImage" and node.image and not len(node.image.pixels)
+        ]
         keys = one.data.shape_keys
         found[one.name] = {
-            "material": None if material is None else material.name,
-            "wires": sorted(set(wires)),
-            "missing": missing,
+            "material": None if material is None else material.name, "wires": sorted(set(wires)), "missing": missing,
             "keys": [] if keys is None else [block.name for block in keys.key_blocks][1:],
         }
     return found

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 REFUSED = "Failed to load resource"  # what Chromium logs for each answer of 400 and more
-
-
 def done(page: Page) -> None:
     page.wait_for_selector("#result:not([hidden])")
 

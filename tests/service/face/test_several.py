@@ -117,10 +117,7 @@ def test_of_a_profile_it_cannot_be_told() -> None:
     profile = place.photos[2]
     answers = codes(0, 0, 0, 0)
     kept = of_one_person(
-        place,
-        lambda photo: face(1.2 if photo is profile else 0.5),
-        lambda: FakeRecogniser(answers),
-        None,  # type: ignore[arg-type,return-value]
+        place, lambda photo: face(1.2 if photo is profile else 0.5), lambda: FakeRecogniser(answers), None  # type: ignore[arg-type,return-value]
     )
     assert len(kept.views) == 5
 

@@ -1,3 +1,4 @@
+
 from __future__ import annotations
 
 import os
@@ -213,11 +214,14 @@ def test_the_tables_are_where_the_queries_look(bench: Bench) -> None:
     assert JOBS.c.id.primary_key
 
 
+
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
 
 
-def test_uploads_that_became_no_job_go_after_an_hour(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_uploads_that_became_no_job_go_after_an_hour(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     strays = Strays(bench.settings, bench.store, bench.artifacts)
     folder = bench.artifacts.folder
     assert folder is not None
