@@ -21,7 +21,7 @@ from models.head.lips import TONGUE_JAW, find_lips, seal
 from models.head.mimic import mended
 from models.head.settle import part_members
 from models.head.tongue import over_the_teeth
-from service.anatomy.mouth_meshes import read_insets
+from service.anatomy.items import read_insets
 from service.errors import ModelFault
 from service.head.model import HeadModel
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from models.head.bases import Bases
 from models.head.crossing import crossing_pairs
 from models.head.heads import some_heads
-from service.anatomy.mouth_meshes import Inset
+from service.anatomy.items import Inset
 from service.head.files import split_polygons
 
 Float = npt.NDArray[np.float64]

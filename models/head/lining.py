@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.head.bases import Bases
-from service.anatomy.mouth_meshes import Inset
+from service.anatomy.items import Inset
 
 Float = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.head.crossing import crossing_pairs
-from service.anatomy.mouth_meshes import read_insets
+from service.anatomy.items import read_insets
 from service.head.files import load_head
 from service.head.model import HeadModel
 

@@ -24,7 +24,8 @@ from models.head.crop import PART_GROUPS
 from models.head.eyes import affine_weights
 from models.head.source import BaseMesh, find_data, read_base
 from models.people.mhclo import read_binding, read_shape
-from service.anatomy.mouth_meshes import FILE, Inset
+from service.anatomy.items import MOUTH_FILE as FILE
+from service.anatomy.items import Inset
 from service.geometry.remesh import Subdivision
 from service.head.files import load_head
 from service.head.model import HeadModel

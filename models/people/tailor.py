@@ -26,7 +26,7 @@ from models.people.bust import cut_item, inside
 from models.people.mhclo import Binding, Shape, read_binding, read_shape
 from models.people.wardrobe import FILE
 from service.anatomy.items import FILE as WEARABLES_FILE
-from service.anatomy.items import Item, write_items
+from service.anatomy.items import Item
 from service.head.files import load_head
 
 Float = npt.NDArray[np.float64]
@@ -219,6 +219,26 @@ def worn_items(tailor: Tailor, assets: Path, folders: dict[str, str], side: int)
             binding, shape = read_binding(path), read_shape(obj)
             items.append(tailor.item(name, binding, shape, picture(pictures[0], name.split("/")[0], side), tight))
     return items
+
+
+def write_items(items: list[Item], fitted_head: Float, path: Path) -> None:
+    """Write a file; positions are rounded to 10 micrometres. The same items give the same bytes."""
+    arrays: dict[str, npt.NDArray[Any]] = {"fitted_head": np.asarray(fitted_head, np.float32)}
+    for i in items:
+        short = np.int16 if np.abs(i.rest).max() < 0.32 else np.int32
+        arrays[f"{i.name}:rest"] = np.round(i.rest * 1e5).astype(short)
+        arrays[f"{i.name}:follow"] = i.follow.astype(np.int16)
+        arrays[f"{i.name}:share"] = np.round(i.share * 1000).astype(
+            np.int16 if np.abs(i.share).max() < 32 else np.int32
+        )
+        arrays[f"{i.name}:uv"] = np.round((np.clip(i.uv, -2, 2) + 2.0) / 4.0 * 65535).astype(np.uint16)
+        arrays[f"{i.name}:triangles"] = i.triangles.astype(np.uint16)
+        arrays[f"{i.name}:picture"] = i.picture
+        if i.along is not None:
+            arrays[f"{i.name}:along"] = np.round(255 * np.clip(i.along, 0, 1)).astype(np.uint8)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from service.anatomy.canvas import Canvas, smooth_noise
 from service.anatomy.eye_painting import DrawnEye, eye_albedo
+from service.anatomy.items import following
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8
 from service.face.features.eye_colours import IRIS
 from service.face.fit.fit import Fit
@@ -24,7 +25,7 @@ from service.head.eyeball import SIDES, Eyeball
 from service.head.model import HeadModel
 from service.head.regions import lid_edges, part_vertices
 from service.materials.material import Material, OwnMap
-from service.materials.part import Bone, MeshPart, part_triangles, targets_of
+from service.materials.part import Bone, MeshPart, part_triangles
 from service.robust import smoothstep
 
 SIZE = 1024
@@ -215,17 +216,7 @@ def _part(
         # Most units leave an eye where it is.
         return np.asarray(weights @ led) if led.any() else np.zeros((len(weights), 3))
 
-    return MeshPart(
-        name=name,
-        vertices=(points + moved(fit.vertices - head.mean)).astype(np.float32),
-        neutral=(points + moved(fit.neutral - head.mean)).astype(np.float32),
-        faces=faces,
-        uv=uv,
-        material=material,
-        targets=targets_of(head, moved),
-        bone=bone,
-        replaces=replaces,
-    )
+    return following(name, head, fit, head.mean, points, moved, faces, uv, material, bone=bone, replaces=replaces)
 
 
 def _tears(

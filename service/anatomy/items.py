@@ -1,31 +1,44 @@
-"""Meshes that follow the head: lashes, brows and the bust, and files of them.
+"""Meshes that follow the head: lashes, brows, the bust, teeth, gums and tongue, and the files that hold them.
 
-Every vertex of an item is a point beside the head that it was fitted to, plus a weighted mean of how a few vertices of
-that head have moved since. So items follow identity, and where they should, expression. ``python -m
-models.people.tailor`` makes the files from MakeHuman's assets (CC0).
+Every vertex is a point beside the head that it was fitted to, plus a weighted mean of how a few vertices of that head
+have moved since. So meshes follow identity, and where they should, expression. ``python -m models.people.tailor`` and
+``models.people.inside`` make the files from MakeHuman's assets (CC0).
 """
 
 from __future__ import annotations
 
 import functools
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import AnyFloat, Float32, Int32, UInt8
+from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int32, UInt8
 from service.errors import ModelFault
+from service.face.fit.fit import Fit
 from service.head.model import HeadModel
+from service.materials.material import Material
+from service.materials.part import MeshPart, targets_of
 
-FILE = Path(__file__).resolve().parents[1] / "data" / "hair" / "wearables.npz"
+DATA = Path(__file__).resolve().parents[1] / "data"
+FILE, MOUTH_FILE = DATA / "hair" / "wearables.npz", DATA / "head" / "mouth.npz"
+"""What is worn; and teeth, gums and tongue."""
+
+
+def carried(share: Float32, follow: Int32, offsets: AnyFloat, out: Float32 | Float64) -> Float32:
+    """(N, 3) float32 sums of the offsets (V, 3) of vertices ``follow`` (N, k) by ``share`` (N, k), added to ``out``."""
+    for k in range(follow.shape[1]):
+        out += share[:, k : k + 1].astype(out.dtype, copy=False) * offsets[follow[:, k]]
+    return np.asarray(out, np.float32)
 
 
 @dataclass(frozen=True)
 class Item:
-    """One thing.
+    """One thing that is worn.
 
     Attributes:
         name: kind and name, "hair/bob01".
@@ -47,19 +60,41 @@ class Item:
     along: Float32 | None = None
 
     def worn(self, moved: AnyFloat) -> Float32:
-        """(N, 3) float32 vertices on a head.
-
-        Args:
-            moved: (V, 3) the head's vertices less those of the head that the item was fitted to, metres.
-        """
+        """(N, 3) float32 vertices on a head whose vertices less those that it was fitted to are (V, 3) metres."""
         return self.rest + self.moved(moved)
 
     def moved(self, moved: AnyFloat) -> Float32:
         """(N, 3) float32 by how much the vertices follow a movement (V, 3) of the head."""
-        out = np.zeros_like(self.rest)
-        for k in range(self.follow.shape[1]):
-            out += self.share[:, k : k + 1] * moved[self.follow[:, k]]
-        return np.asarray(out, np.float32)
+        return carried(self.share, self.follow, moved, np.zeros_like(self.rest))
+
+
+@dataclass(frozen=True, eq=False)
+class Inset:
+    """One mesh inside the mouth.
+
+    Attributes:
+        name: of the part.
+        rest, follow, share: as of an :class:`Item`.
+        faces: (F, 3) or (F, 4) int32, counter-clockwise from outside; uv_faces: the same into ``uv``.
+        uv: (U, 2) float32 in [0, 1], origin bottom left.
+        along: (N,) float32 in [0, 1] from the biting edge of a tooth to its gum, -1 on gums; on the tongue from the tip
+            to the root.
+        shade: (N,) float32 in [0, 1], 0 deep between two teeth and 1 in the open.
+    """
+
+    name: str
+    rest: Float32
+    follow: Int32
+    share: Float32
+    faces: Int32
+    uv: Float32
+    uv_faces: Int32
+    along: Float32
+    shade: Float32
+
+    def moved(self, offsets: AnyFloat) -> Float32:
+        """(N, 3) float32 metres by which it follows offsets (V, 3) of the head."""
+        return carried(self.share, self.follow, offsets, np.zeros((len(self.rest), 3)))
 
 
 @dataclass(frozen=True)
@@ -74,23 +109,32 @@ class Items:
         return sorted(name for name in self.items if name.startswith(kind + "/"))
 
 
-@functools.lru_cache(maxsize=2)
-def read_items(path: Path = FILE) -> Items:
-    """Read a file.
+@dataclass(frozen=True, eq=False)
+class Insets:
+    """Meshes, and the mean head (V, 3) float32 metres that they were made for."""
 
-    Raises:
-        ModelFault: it is missing or cannot be read.
-    """
+    meshes: tuple[Inset, ...]
+    fitted_head: Float32
+
+
+def _read(path: Path, maker: str, item: Callable[[str, dict[str, npt.NDArray[Any]]], Any]) -> tuple[list[Any], Any]:
+    """The meshes of a file, made of its arrays by name, and the head that they were fitted to; ModelFault if not."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as a:
-            arrays = {key: a[key] for key in a.files}
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays = {key: archive[key] for key in archive.files}
         fitted = arrays.pop("fitted_head")
-        names = sorted({key.rsplit(":", 1)[0] for key in arrays})
-        return Items({name: _item(name, arrays) for name in names}, fitted)
+        return [item(name, arrays) for name in dict.fromkeys(key.rpartition(":")[0] for key in arrays)], fitted
     except FileNotFoundError:
-        raise ModelFault(f"{path} is missing; build it with python -m models.people.tailor --assets FOLDER") from None
+        raise ModelFault(f"{path} is missing; build it with python -m {maker} --assets FOLDER") from None
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as fault:
         raise ModelFault(f"{path} cannot be read: {fault}") from fault
+
+
+@functools.lru_cache(maxsize=2)
+def read_items(path: Path = FILE) -> Items:
+    """Read a file of what is worn; ModelFault where it is missing or cannot be read."""
+    items, fitted = _read(path, "models.people.tailor", _item)
+    return Items({item.name: item for item in sorted(items, key=lambda item: item.name)}, fitted)
 
 
 def _item(name: str, arrays: dict[str, npt.NDArray[Any]]) -> Item:
@@ -107,28 +151,43 @@ def _item(name: str, arrays: dict[str, npt.NDArray[Any]]) -> Item:
     )  # fmt: skip
 
 
-def write_items(items: list[Item], fitted_head: AnyFloat, path: Path) -> None:
-    """Write a file; positions are rounded to 10 micrometres. The same items give the same bytes."""
-    arrays: dict[str, npt.NDArray[Any]] = {"fitted_head": np.asarray(fitted_head, np.float32)}
-    for i in items:
-        short = np.int16 if np.abs(i.rest).max() < 0.32 else np.int32
-        arrays[f"{i.name}:rest"] = np.round(i.rest * 1e5).astype(short)
-        arrays[f"{i.name}:follow"] = i.follow.astype(np.int16)
-        arrays[f"{i.name}:share"] = np.round(i.share * 1000).astype(
-            np.int16 if np.abs(i.share).max() < 32 else np.int32
-        )
-        arrays[f"{i.name}:uv"] = np.round((np.clip(i.uv, -2, 2) + 2.0) / 4.0 * 65535).astype(np.uint16)
-        arrays[f"{i.name}:triangles"] = i.triangles.astype(np.uint16)
-        arrays[f"{i.name}:picture"] = i.picture
-        if i.along is not None:
-            arrays[f"{i.name}:along"] = np.round(255 * np.clip(i.along, 0, 1)).astype(np.uint8)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+@functools.lru_cache(maxsize=2)
+def read_insets(path: Path = MOUTH_FILE) -> Insets:
+    """Read a file of teeth, gums and tongue; ModelFault where it is missing or cannot be read."""
+    keys = [field.name for field in fields(Inset) if field.name != "name"]
+    meshes, fitted = _read(
+        path, "models.people.inside", lambda name, arrays: Inset(name, *(arrays[f"{name}:{key}"] for key in keys))
+    )
+    return Insets(tuple(meshes), fitted)
 
 
-def fits(items: Items, head: HeadModel) -> bool:
-    """Whether a head has the vertices that the items follow, where they were fitted: other heads wear nothing."""
-    if items.fitted_head.shape != head.mean.shape:
-        return False
-    return bool(np.abs(items.fitted_head - head.mean).max() < 0.02)
+def fits(made: Items | Insets, head: HeadModel) -> bool:
+    """Whether a head has the vertices that meshes follow, where they were fitted: other heads wear nothing."""
+    same = made.fitted_head.shape == head.mean.shape
+    return same and bool(np.abs(made.fitted_head - head.mean).max() < 0.02)
+
+
+def following(
+    name: str, head: HeadModel, fit: Fit, fitted: AnyFloat, rest: AnyFloat, moved: Callable[[AnyFloat], AnyFloat],
+    faces: AnyInt, uv: Float32, material: Material, *, lift: AnyFloat | float = 0.0, **more: Any,
+) -> MeshPart:  # fmt: skip
+    """A mesh that follows identity and expression of a head.
+
+    Args:
+        name: of the part.
+        head: topology and units.
+        fit: vertices of the head.
+        fitted: (V, 3) metres, the head that it was fitted to.
+        rest: (N, 3) metres, its vertices there.
+        moved: from offsets (V, 3) of the head to those (N, 3) of the mesh, metres.
+        faces: (F, 3) or (F, 4) indices.
+        uv: places on its picture.
+        material: its surface.
+        lift: (N, 3) metres that its vertices are moved by.
+        more: what else a :class:`MeshPart` has.
+    """
+    vertices, neutral = (
+        np.asarray(rest + moved(shape - fitted) + lift, np.float32) for shape in (fit.vertices, fit.neutral)
+    )
+    targets = targets_of(head, moved)
+    return MeshPart(name, vertices, neutral, np.asarray(faces, np.int32), uv, material, targets=targets, **more)

@@ -7,13 +7,14 @@ of the photo's light is taken off their pictures.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from service.anatomy.items import Item, Items, fits, read_items
-from service.arrays import AnyFloat, Bool, Float32, Float64, Int64, UInt8, UInt16
+from service.anatomy.items import Item, Items, fits, following, read_items
+from service.arrays import Bool, Float32, Float64, Int64, UInt8, UInt16
 from service.colour import bytes_to_linear, linear_to_srgb
 from service.face.fit.fit import Fit
 from service.face.reading.part_labels import BROW
@@ -26,7 +27,7 @@ from service.hair.colour import natural
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.materials.material import Material, OwnMap
-from service.materials.part import SKIN, MeshPart, targets_of
+from service.materials.part import SKIN, MeshPart
 from service.photo.photo import Photo
 
 BUST = "bust/body"
@@ -159,7 +160,7 @@ def lash_part(head: HeadModel, fit: Fit) -> MeshPart | None:
         "lashes", colour_map=OwnMap("lashes", _in_colour(alpha, colour)), alpha="blend", double_sided=True,
         roughness=0.6,
     )  # fmt: skip
-    return following("lash_cards", items.items[LASHES], items, head, fit, material, ("lashes",))
+    return _following("lash_cards", items.items[LASHES], items, head, fit, material, replaces=("lashes",))
 
 
 def _in_colour(alpha: UInt8, colour: UInt8) -> UInt8:
@@ -168,31 +169,12 @@ def _in_colour(alpha: UInt8, colour: UInt8) -> UInt8:
     return np.ascontiguousarray(np.concatenate([flat, alpha[..., None]], 2))
 
 
-def following(
-    name: str, item: Item, items: Items, head: HeadModel, fit: Fit, material: Material, replaces: tuple[str, ...] = (),
-    lift: AnyFloat | float = 0.0,
-) -> MeshPart:  # fmt: skip
-    """An item that follows identity and expression.
-
-    Args:
-        name: of the part.
-        item: what.
-        items: the file that it is from.
-        head: topology and units.
-        fit: vertices of the head.
-        material: its surface.
-        replaces: parts of the head in whose place it stands.
-        lift: (N, 3) metres that its vertices are moved by.
-    """
-    return MeshPart(
-        name,
-        np.asarray(item.worn(fit.vertices - items.fitted_head) + lift, np.float32),
-        np.asarray(item.worn(fit.neutral - items.fitted_head) + lift, np.float32),
-        item.triangles,
-        item.uv,
-        material,
-        targets=targets_of(head, item.moved),
-        replaces=replaces,
+def _following(
+    name: str, item: Item, items: Items, head: HeadModel, fit: Fit, material: Material, **more: Any
+) -> MeshPart:
+    """An item that follows the head."""
+    return following(
+        name, head, fit, items.fitted_head, item.rest, item.moved, item.triangles, item.uv, material, **more
     )
 
 
@@ -203,7 +185,7 @@ def brow_part(brows: Brows, head: HeadModel, fit: Fit) -> MeshPart:
     picture = brow_picture(item, brows.colour)
     material = Material("brows", colour_map=OwnMap("brows", picture), alpha="blend", double_sided=True, roughness=0.6)
     normals = area_normals(item.worn(fit.neutral - items.fitted_head), item.triangles)
-    return following(BROWS, item, items, head, fit, material, lift=BROW_LIFT_M * normals)
+    return _following(BROWS, item, items, head, fit, material, lift=BROW_LIFT_M * normals)
 
 
 def brow_picture(item: Item, colour: Float32) -> UInt8:
@@ -228,7 +210,7 @@ def bust_part(head: HeadModel, fit: Fit, chart_colours: UInt8) -> MeshPart | Non
     material = Material(
         "bust", colour_map=picture, roughness=BUST_ROUGHNESS, specular=SKIN.specular, subsurface_mm=SKIN.subsurface_mm
     )
-    return _tangent(following("bust", item, items, head, fit, material), item, head, fit)
+    return _tangent(_following("bust", item, items, head, fit, material), item, head, fit)
 
 
 def _tangent(part: MeshPart, item: Item, head: HeadModel, fit: Fit) -> MeshPart:

@@ -9,7 +9,6 @@ are left out because their estimates are small.
 from __future__ import annotations
 
 import dataclasses
-import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,22 +40,6 @@ _ASSUMPTIONS: dict[str, tuple[tuple[str, ...], ...]] = {
 
 In full shadow nothing of a lamp is left to lose, so highlights and relief shadows are also tried in the lightest.
 """
-
-
-@dataclass(frozen=True)
-class Facts:
-    """Numbers that explain a plan: shares of the light, means over the samples; lists have one entry per light."""
-
-    sky_share: float
-    openness: float
-    reflected: float
-    highlights: float
-    half_angle_deg: float
-    contrast: float
-    light_share: list[float]
-    hidden: list[float]
-    elevation_deg: list[float]
-    light_highlights: list[float]
 
 
 class Estimates:
@@ -122,29 +105,6 @@ class Estimates:
         error = float(np.sqrt(np.maximum(w @ (each - mean) ** 2, 0.0) * float(w @ w)))
         return 255.0 * mean, 255.0 * error
 
-    def facts(self) -> Facts:
-        """Numbers that explain a plan."""
-        s, w = self.shading, self.shading.surface.weight
-        share = [float((w @ (lamp.irradiance[0] * lamp.seen[:, None])).mean()) for lamp in s.lamps]
-        sky, open_sky = (float((w @ e[0]).mean()) for e in (s.sky_blocked, s.sky_open))
-        total = max(sum(share) + sky, 1e-30)
-        steady, local = s.diffuse(set()), s.diffuse({("scattering", None)})
-        diffuse = max(float((w @ steady).mean()) / np.pi, 1e-30)
-        marks = [float((w @ each.mean(0)).mean()) / diffuse for each in s.views[0].highlights["both"]]
-        rise = [float(np.clip(w @ np.maximum(lamp.n_l, 0.0), 0.0, 1.0)) for lamp in s.lamps]
-        return Facts(
-            sky_share=sky / total,
-            openness=sky / max(open_sky, 1e-30) if open_sky > 0.0 else 1.0,
-            reflected=float((w @ s.views[0].mirror["both"]).mean()) / diffuse,
-            highlights=sum(marks),
-            half_angle_deg=max(s.half_angles_deg(), default=0.0),
-            contrast=float((w @ np.abs(steady - local)).mean()) / (np.pi * diffuse),
-            light_share=[x / total for x in share],
-            hidden=[float(w @ (1.0 - lamp.least)) for lamp in s.lamps],
-            elevation_deg=[float(np.degrees(np.arcsin(x))) for x in rise],
-            light_highlights=marks,
-        )
-
 
 def estimates_of(scene: Scene, surface: SurfaceSamples) -> Estimates:
     """Shade the samples; takes some hundredths of a second."""
@@ -171,14 +131,12 @@ class Decision:
         light: index into ``illumination(scene).lights`` for effects of single lights, else None.
         runs: whether it is computed.
         bound: upper bound of the mean absolute error of the picture in 1/255 of sRGB if it is left out.
-        why: the reason in words.
     """
 
     effect: str
     light: int | None
     runs: bool
     bound: float
-    why: str
 
 
 @dataclass(frozen=True)
@@ -221,15 +179,11 @@ class LightPlan:
         ]
         return LightPlan(tuple(changed), self.tolerance)
 
-    def to_json(self) -> str:
-        """As JSON, for manifests and logs."""
-        return json.dumps({**dataclasses.asdict(self), "bound": self.bound}, indent=2)
-
     @classmethod
     def everything(cls, scene: Scene) -> LightPlan:
         """All effects of all lights."""
         items = _items(len(illumination(scene).lights))
-        return cls(tuple(Decision(effect, light, True, 0.0, "asked for") for effect, light in items), 0.0)
+        return cls(tuple(Decision(effect, light, True, 0.0) for effect, light in items), 0.0)
 
 
 def _items(lights: int) -> list[tuple[str, int | None]]:
@@ -266,33 +220,14 @@ def plan(scene: Scene, surface: SurfaceSamples, tolerance: float = 1.0) -> Light
             continue  # the error of leaving out both exceeds the sum of the bounds
         chosen.append(item)
         spent += bounds[item]
-    left, facts = set(chosen), estimates.facts()
-    decisions = [Decision(e, i, (e, i) not in left, bounds[e, i], _why(e, i, bounds[e, i], facts)) for e, i in items]
+    decisions = [Decision(*item, item not in chosen, bounds[item]) for item in items]
     return LightPlan(tuple(decisions), float(tolerance))
 
 
-def _why(effect: str, light: int | None, bound: float, e: Facts) -> str:
-    if light is None:
-        facts = {
-            "occlusion": f"the sky gives {e.sky_share:.0%} of the light, {1.0 - e.openness:.0%} of it hidden",
-            "reflection": f"the sky's mirror image adds {e.reflected:.1%} to the light",
-            "second_lobe": f"highlights of lamps are {e.highlights:.1%} of the light",
-            "fresnel": f"lamps graze the surface as seen by the camera: half angle {e.half_angle_deg:.0f} degrees",
-            "scattering": f"light changes by {e.contrast:.0%} within the range of scattering",
-        }
-        return f"{facts[effect]}: {bound:.2f}/255"
-    facts = {
-        "shadows": f"light {light} gives {e.light_share[light]:.0%} of the light, {e.hidden[light]:.0%} of it hidden",
-        "relief_shadows": f"light {light} stands {e.elevation_deg[light]:.0f} degrees above the skin",
-        "specular": f"highlights of light {light} are {e.light_highlights[light]:.1%} of the light",
-    }
-    return f"{facts[effect]}: {bound:.2f}/255"
-
-
 def report(made: LightPlan) -> str:
-    """Text for people: which effects run, which do not and why, and the error at most."""
+    """Text for people: which effects run, and what leaving each of them out costs at most."""
     lines = []
     for d in sorted(made.decisions, key=lambda d: (d.runs, -d.bound)):
         name = d.effect if d.light is None else f"{d.effect} of light {d.light}"
-        lines.append(f"{'runs    ' if d.runs else 'left out'} {name:28s} {d.why}")
+        lines.append(f"{'runs    ' if d.runs else 'left out'} {name:28s} {d.bound:.2f}/255 without it")
     return "\n".join([*lines, f"error at most {made.bound:.2f}/255 of {made.tolerance:g}/255 allowed"])

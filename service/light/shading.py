@@ -315,12 +315,6 @@ class Shading:
             total += (share - share[:1])[..., None] * lamp.irradiance[0] * s.albedo[0]
         return total
 
-    def half_angles_deg(self) -> list[float]:
-        """Angle between view and half vector of each light, mean over the samples, largest over the viewpoints."""
-        views = [normalise(np.asarray(v) - self.surface.position[0]) for v in self.scene.viewpoints]
-        cosines = [[(v * normalise(lamp.towards + v)).sum(-1) for v in views] for lamp in self.lamps]
-        return [max(float(np.degrees(np.arccos(np.clip(c, -1.0, 1.0))).mean()) for c in each) for each in cosines]
-
     def soft_edges(self) -> Float64:
         """(K, 3) change by scattering at shadow edges, which the samples are too sparse to resolve."""
         full = self.diffuse(set()) / np.pi

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.chart_planes import brow_plane, lash_line, lid_skin
+from service.anatomy.canvas import brow_plane, lash_line, lid_skin
 from service.arrays import AnyFloat, Float32, Float64
 from service.face.fit.fit import Fit
 from service.geometry.chart import NO_PART, Chart, islands

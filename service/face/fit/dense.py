@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import AnyFloat, Float32, Float64, Int32
-from service.face.fit.landmark_fit import at_barycentric
-from service.face.fit.solver import POSE, PointTerm, State, project_points
+from service.face.fit.landmark_fit import at_barycentric, linear_points
+from service.face.fit.solver import POSE, PointTerm, Residuals, State, project_points
 from service.face.reading.part_labels import READ
 from service.face.reading.reader import CELLS, Reading
 from service.geometry.camera import nearest_rotation, skew
@@ -103,7 +103,7 @@ def _places(head: HeadModel, uv: Float64) -> tuple[npt.NDArray[np.int64], Float6
 
 
 @dataclass(frozen=True)
-class NormalTerm:
+class NormalTerm(Residuals):
     """Difference between the head's normals and the read ones; exact in the rotation, linearised in the shape.
 
     Attributes:
@@ -122,20 +122,14 @@ class NormalTerm:
     def _normals(self, state: State) -> Float64:
         return np.asarray((self.normal + self.slope @ (state.coefficients - self.start)) @ state.rotation.T)
 
-    def cost(self, state: State) -> float:
-        """Half the weighted sum of squares."""
-        return 0.5 * float((self.precision[:, None] * (self._normals(state) - self.target) ** 2).sum())
+    def residual(self, state: State) -> Float64:
+        """(N, 3)."""
+        return self._normals(state) - self.target
 
-    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
-        """Add J^T J and J^T r in place."""
-        turned = self._normals(state)
-        jacobian = np.zeros((len(turned), 3, len(gradient)))
-        jacobian[:, :, :3] = -skew(turned)
-        jacobian[:, :, POSE:] = state.rotation @ self.slope
-        root = np.sqrt(self.precision)[:, None]
-        j = (jacobian * root[:, :, None]).reshape(-1, len(gradient))
-        hessian += j.T @ j
-        gradient += j.T @ ((turned - self.target) * root).ravel()
+    def jacobian(self, state: State) -> Float64:
+        """(N, 3, n)."""
+        parts = (-skew(self._normals(state)), np.zeros((len(self.normal), 3, POSE - 3)), state.rotation @ self.slope)
+        return np.concatenate(parts, 2)
 
 
 def normal_derivative(
@@ -186,8 +180,7 @@ class DenseTerms:
 
     def __init__(self, head: HeadModel, found: Correspondences) -> None:
         self.head, self.found = head, found
-        modes = np.concatenate([at_barycentric(part, found.corners, found.weights) for part in _bases(head)])
-        self._mean, self._modes = at_barycentric(head.mean, found.corners, found.weights), modes
+        self._mean, self._modes = linear_points(head, found.corners, found.weights)
         # Normals are compared at vertices: each takes the mean of the cells around it.
         rows, say = found.corners.ravel(), np.maximum(found.weights, 0.0).ravel()
         say = say * np.repeat(found.sure / found.sine**2, 3)
@@ -222,13 +215,9 @@ class DenseTerms:
         typical = 1.0 / np.sqrt(np.maximum(precision, 1e-12))
         weight = NORMAL_SHARE * precision * geman_mcclure(apart, GATE * np.maximum(typical, 0.08))
         skin = self.head.triangles[self.head.triangle_part == 0]
-        shape = np.asarray(vertices, np.float64)
-        slope = np.concatenate([normal_derivative(shape, basis, skin, chosen) for basis in _bases(self.head)], 2)
+        shape, bases = np.asarray(vertices, np.float64), (self.head.identity, self.head.expression)
+        slope = np.concatenate([normal_derivative(shape, basis, skin, chosen) for basis in bases], 2)
         return NormalTerm(normal, slope, state.coefficients.copy(), target, weight)
-
-
-def _bases(head: HeadModel) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    return head.identity, head.expression
 
 
 def reading_agreement(found: Correspondences, state: State, vertices: AnyFloat) -> float:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.arrays import Float32, Float64, UInt8
+from service.arrays import Float32, Float64
 from service.errors import FitFailed
 from service.face.features.eye_colours import cheek_colour, eye_colours, light_from_sclera_and_teeth
 from service.face.features.eyes import SeenRims, eyes_on_rims, find_gaze, lids_on_rims, with_gaze
@@ -65,110 +65,81 @@ class Sight:
     """One photo as the fit sees it.
 
     Attributes:
-        photo: (H, W, 3) uint8 sRGB; the principal point is its middle.
+        view: the photo; the principal point is its middle.
         observed: the landmarks.
         prior: of the plain head's fit.
         initial: the landmark fit of the plain head.
         found: places of the head that were read off the photo; None: they were not.
     """
 
-    photo: UInt8
+    view: View
     observed: Observed
     prior: Prior
     initial: LandmarkFit
     found: Correspondences | None
 
-    @property
-    def middle(self) -> Float64:
-        """(2,) the principal point, pixels."""
-        return middle_of(self.photo)
+
+def middle_of(photo: Photo) -> Float64:
+    """(2,) the principal point of a photo, pixels."""
+    return np.array(photo.size) / 2
 
 
-def middle_of(photo: UInt8) -> Float64:
-    """(2,) the principal point of a photo (H, W, 3), pixels."""
-    return np.array([photo.shape[1] / 2, photo.shape[0] / 2])
-
-
-class PixelFit:
-    """Refines landmark fits of one head model.
+def _refined(
+    sights: Sequence[Sight], head: HeadModel, model: LandmarkModel, components: int, *, normals: bool
+) -> list[tuple[LandmarkFit, Float64 | None]]:
+    """For each photo the refined fit, its coefficients those of the extended head, and the light on the face there.
 
     Args:
-        head: the head model.
-        components: how many of its identity components are fitted.
-        beyond: number of modes of free form beyond them.
+        sights: the photos, all of one identity.
+        head: the extended head (:func:`extended`).
+        model: its landmarks.
+        components: how many of its components of identity are the plain head's.
+        normals: whether the normals that were read are followed, too.
     """
 
-    def __init__(self, head: HeadModel, components: int, beyond: int) -> None:
-        self.components = min(components, len(head.identity))
-        self.head = extended(head, self.components, beyond)
-        self.beyond = len(self.head.identity) - self.components
-        self.model = LandmarkModel(self.head, len(self.head.identity))
-        self.outline = OutlineFinder(self.head)
-
-    def refine(self, sights: Sequence[Sight], *, normals: bool) -> list[tuple[LandmarkFit, Float64 | None]]:
-        """For each photo the refined fit, its coefficients those of the extended head, and the light on the face there.
-
-        Args:
-            sights: the photos, all of one identity.
-            normals: whether the normals that were read are followed, too.
-        """
-        states, priors = [], []
-        for sight in sights:
-            widened = self._widened(sight.initial.state.coefficients, 0.0)
-            states.append(replace(sight.initial.state, coefficients=widened))
-            precision, mean = sight.prior.shape_precision, sight.prior.shape_mean
-            priors.append(
-                replace(sight.prior, shape_precision=self._widened(precision, 1.0), shape_mean=self._widened(mean, 0.0))
-            )
-        priors = once(priors, self.model.identity_count)
-        dense = [None if sight.found is None else DenseTerms(self.head, sight.found) for sight in sights]
-        lower, upper = bounds(self.model)
-        soft = [
-            Softened.around(sight.photo, sight.middle, state, self._vertices(state))
-            for sight, state in zip(sights, states, strict=True)
-        ]
-        rounds = REACH_M if len(sights) == 1 else (*REACH_M, *(REACH_M[-1:] * STEREO_ROUNDS))
-        for round_, reach in enumerate(rounds):
-            seen: list[list[PointTerm]] = [[] for _ in sights]
-            if round_ >= len(REACH_M):
-                pictures = [
-                    Picture.of(sight.photo, sight.middle, self.head, state, self._vertices(state))
-                    for sight, state in zip(sights, states, strict=True)
-                ]
-                seen = stereo_terms(self.head, pictures)
-            terms: list[list[Term]] = []
-            for sight, state, prior, read, image, spots in zip(sights, states, priors, dense, soft, seen, strict=True):
-                vertices = self._vertices(state)
-                basis = self.model.at_yaw(state.yaw_deg)
-                points = weigh_landmarks(state, basis, sight.observed, ANNEAL[-1])[1]
-                own: list[Term] = [points, prior]
-                if read is not None:
-                    squarely = max(float(smoothstep(np.array(abs(state.yaw_deg)), *PROFILE_DEG)), HARDLY)
-                    own[0] = replace(points, precision=points.precision * squarely)
-                    own.append(read.points(state))
-                    own += [read.normals(state, vertices)] if normals and squarely > HARDLY else []
-                outline = self.outline.term(image, sight.middle, state, vertices, reach)
-                terms.append([*own, *([] if outline is None else [outline]), *spots])
-            states = minimise(
-                states, terms, shared=identity_of(self.model), lower=lower, upper=upper, damping=Damping(),
-                steps=STEPS, active=np.ones(POSE + self.model.shape_count, bool),
-            )  # fmt: skip
-        return [
-            (
-                landmark_fit(self.model, state, sight.observed),
-                light_on_face(self.head, state, self._vertices(state), sight.photo, sight.middle),
-            )
-            for sight, state in zip(sights, states, strict=True)
-        ]
-
-    def _widened(self, coefficients: Float64, beyond: float) -> Float64:
+    def widened(coefficients: Float64, beyond: float) -> Float64:
         """Values (K + E,) of the plain head's coefficients with one for each mode beyond its components."""
-        identity, expression = np.split(coefficients, [self.components])
-        return np.concatenate([identity, np.full(self.beyond, beyond), expression])
+        identity, expression = np.split(coefficients, [components])
+        return np.concatenate([identity, np.full(len(head.identity) - components, beyond), expression])
 
-    def _vertices(self, state: State) -> Float64:
-        """(V, 3) metres at a state."""
-        return self.head.shape(*np.split(state.coefficients, [len(self.head.identity)])).astype(np.float64)
+    def vertices_at(state: State) -> Float64:
+        return head.shape(*np.split(state.coefficients, [len(head.identity)])).astype(np.float64)
+
+    states = [replace(one.initial.state, coefficients=widened(one.initial.state.coefficients, 0.0)) for one in sights]
+    priors = once([
+        replace(one.prior, shape_precision=widened(one.prior.shape_precision, 1.0),
+                shape_mean=widened(one.prior.shape_mean, 0.0)) for one in sights
+    ], model.identity_count)  # fmt: skip
+    photos = [(sight.view.photo.pixels, middle_of(sight.view.photo)) for sight in sights]
+    dense = [None if sight.found is None else DenseTerms(head, sight.found) for sight in sights]
+    soft = [Softened.around(*photo, state, vertices_at(state)) for photo, state in zip(photos, states, strict=True)]
+    contour, (lower, upper) = OutlineFinder(head), bounds(model)
+    rounds = REACH_M if len(sights) == 1 else (*REACH_M, *(REACH_M[-1:] * STEREO_ROUNDS))
+    for round_, reach in enumerate(rounds):
+        shapes = [vertices_at(state) for state in states]
+        spots: list[list[PointTerm]] = [[] for _ in sights]
+        if round_ >= len(REACH_M):
+            seen = zip(photos, states, shapes, strict=True)
+            spots = stereo_terms(head, [Picture.of(*photo, head, state, shape) for photo, state, shape in seen])
+        terms: list[list[Term]] = []
+        for k, (sight, state, shape, read) in enumerate(zip(sights, states, shapes, dense, strict=True)):
+            points = weigh_landmarks(state, model.at_yaw(state.yaw_deg), sight.observed, ANNEAL[-1])[1]
+            own: list[Term] = [points, priors[k]]
+            if read is not None:
+                squarely = max(float(smoothstep(np.array(abs(state.yaw_deg)), *PROFILE_DEG)), HARDLY)
+                own[0] = replace(points, precision=points.precision * squarely)
+                own.append(read.points(state))
+                own += [read.normals(state, shape)] if normals and squarely > HARDLY else []
+            outline = contour.term(soft[k], photos[k][1], state, shape, reach)
+            terms.append([*own, *([] if outline is None else [outline]), *spots[k]])
+        states = minimise(
+            states, terms, shared=identity_of(model), lower=lower, upper=upper, damping=Damping(), steps=STEPS,
+            active=np.ones(POSE + model.shape_count, bool),
+        )  # fmt: skip
+    return [
+        (landmark_fit(model, state, sight.observed), light_on_face(head, state, vertices_at(state), *photo))
+        for sight, state, photo in zip(sights, states, photos, strict=True)
+    ]
 
 
 UNKNOWN_FOCAL = 1.2
@@ -260,22 +231,23 @@ def fit_views(views: Sequence[View], head: HeadModel, settings: FitSettings | No
                 "needed", view=index,
             )  # fmt: skip
         scores = view.reading.scores if view.reading is not None and settings.scores else None
-        observed.append(Observed.of(view.face.landmarks, middle_of(view.photo.pixels)))
+        observed.append(Observed.of(view.face.landmarks, middle_of(view.photo)))
         priors.append(prior_for(view.photo, model, settings, scores))
     initial = fit_landmarks(model, observed, priors, settings)
     if settings.refine == "landmarks":
         return _results(views, head, model, initial)
     own = _of_one_camera(views, priors, initial)
     sights = [
-        Sight(view.photo.pixels, seen, prior, start, _understood(head, model, view, start))
+        Sight(view, seen, prior, start, _understood(head, model, view, start))
         for view, seen, prior, start in zip(views, observed, own, initial, strict=True)
     ]
     found = [sight.found is not None for sight in sights]
-    pixel_fit = PixelFit(
-        head, settings.identity_components, settings.beyond if any(found) and settings.refine == "full" else 0
-    )
-    refined = pixel_fit.refine(sights, normals=settings.normals)
-    fits = _results(views, pixel_fit.head, pixel_fit.model, [one for one, _ in refined])
+    wide = extended(
+        head, model.identity_count, settings.beyond if any(found) and settings.refine == "full" else 0
+    )  # fmt: skip
+    wide_model = LandmarkModel(wide, len(wide.identity))
+    refined = _refined(sights, wide, wide_model, model.identity_count, normals=settings.normals)
+    fits = _results(views, wide, wide_model, [one for one, _ in refined])
     lights = [light for _, light in refined]
     doubts = [{"not-read": not read, "no-light": light is None} for read, light in zip(found, lights, strict=True)]
     return [
@@ -310,7 +282,7 @@ def _understood(head: HeadModel, model: LandmarkModel, view: View, initial: Land
     """Places of the head that were read, None where there are few or the landmarks show another face."""
     if view.reading is None:
         return None
-    found = correspondences(head, view.reading, initial.state, middle_of(view.photo.pixels))
+    found = correspondences(head, view.reading, initial.state, middle_of(view.photo))
     vertices = head.shape(*np.split(initial.state.coefficients, [model.identity_count]))
     agrees = len(found.pixels) >= FEWEST_CELLS and reading_agreement(found, initial.state, vertices) >= LEAST_AGREEMENT
     return found if agrees else None

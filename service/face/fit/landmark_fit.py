@@ -30,6 +30,22 @@ def at_barycentric(values: AnyFloat, corners: AnyInt, weights: AnyFloat) -> Floa
     return np.ascontiguousarray(points)  # indexing in the middle leaves an order that makes every product copy
 
 
+def linear_points(
+    head: HeadModel, corners: AnyInt, weights: AnyFloat, identities: int | None = None
+) -> tuple[Float64, Float64]:
+    """Points of a head as a linear function of its coefficients: mean (L, 3) and modes (K + E, L, 3), metres.
+
+    Args:
+        head: any head model.
+        corners: (L, 3) vertices of triangles.
+        weights: (L, 3) barycentric.
+        identities: how many components of identity count; None: all.
+    """
+    parts = (head.mean, head.identity[:identities], head.expression)
+    mean, *modes = (at_barycentric(part, corners, weights) for part in parts)
+    return mean, np.concatenate(modes)
+
+
 @dataclass(frozen=True)
 class LandmarkBasis:
     """Landmark positions as a linear function of the coefficients.
@@ -73,13 +89,13 @@ class LandmarkModel:
 
     def _gather(self, head: HeadModel, corners: Int32, weights: Float32) -> list[Float64]:
         """[mean (L, 3), modes (K + E, L, 3), normals (L, 3)] at barycentric points of the mesh."""
-        parts = (head.identity[: self.identity_count], head.expression)
-        modes = np.concatenate([at_barycentric(part, corners, weights) for part in parts])
         p = head.mean[corners].astype(np.float64)
         normals = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
         length = np.linalg.norm(normals, axis=1, keepdims=True)
-        mean = at_barycentric(head.mean, corners, weights)
-        return [mean, modes, np.where(length > 1e-15, normals / np.maximum(length, 1e-15), 0.0)]
+        return [
+            *linear_points(head, corners, weights, self.identity_count),
+            np.where(length > 1e-15, normals / np.maximum(length, 1e-15), 0.0),
+        ]
 
     def at_yaw(self, yaw_deg: float) -> LandmarkBasis:
         """The basis for a head turned by ``yaw_deg``; contour landmarks are interpolated between calibrated yaws."""

@@ -180,14 +180,40 @@ class Term(Protocol):
         """Add J^T J and J^T r in place."""
 
 
+class Residuals:
+    """A term of N independent residuals, each a vector with one precision; subclasses say what they are."""
+
+    precision: Float64
+    """(N,) >= 0, weights included."""
+
+    def residual(self, state: State) -> Float64:
+        """(N, k) at a state."""
+        raise NotImplementedError
+
+    def jacobian(self, state: State) -> Float64:
+        """(N, k, n) its derivative by the unknowns."""
+        raise NotImplementedError
+
+    def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
+        return 0.5 * float((self.precision[:, None] * self.residual(state) ** 2).sum())
+
+    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
+        """Add J^T J and J^T r in place."""
+        root = np.sqrt(self.precision)[:, None]
+        j = (self.jacobian(state) * root[:, :, None]).reshape(-1, len(gradient))
+        hessian += j.T @ j
+        gradient += j.T @ (self.residual(state) * root).ravel()
+
+
 @dataclass(frozen=True)
-class PointTerm:
-    """Reprojection error of points.
+class PointTerm(Residuals):
+    """Reprojection error of points, in pixels.
 
     Attributes:
         mean, modes: (N, 3) and (M, N, 3) metres, the points as a linear function of the coefficients.
         target: (N, 2) pixels relative to the principal point.
-        precision: (N,) 1 / px^2, weights included.
+        precision: (N,) 1 / px^2.
         normal: (N, 2) unit vectors if only the distance along them counts (points on a contour), else None.
     """
 
@@ -197,28 +223,21 @@ class PointTerm:
     precision: Float64
     normal: Float64 | None = None
 
-    def _points(self, state: State) -> Float64:
-        return np.asarray(self.mean + np.tensordot(state.coefficients, self.modes, 1))
+    def _projected(self, state: State) -> Projection:
+        return project_points(state, self.mean + np.tensordot(state.coefficients, self.modes, 1))
 
-    def _residual(self, uv: Float64) -> Float64:
-        r = uv - self.target
+    def residual(self, state: State) -> Float64:
+        """(N, 2), or (N, 1) along the normals."""
+        r = self._projected(state).uv - self.target
         return r if self.normal is None else np.asarray((r * self.normal).sum(1, keepdims=True))
 
-    def cost(self, state: State) -> float:
-        """Half the weighted sum of squares."""
-        r = self._residual(project_points(state, self._points(state)).uv)
-        return 0.5 * float((self.precision[:, None] * r**2).sum())
-
-    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
-        """Add J^T J and J^T r in place."""
-        projection = project_points(state, self._points(state))
+    def jacobian(self, state: State) -> Float64:
+        """(N, 2 or 1, n)."""
+        projection = self._projected(state)
         jacobian = pixel_jacobian(state, projection, motion(state, projection, self.modes))
-        if self.normal is not None:
-            jacobian = (jacobian * self.normal[:, :, None]).sum(1, keepdims=True)
-        root = np.sqrt(self.precision)[:, None]
-        j = (jacobian * root[:, :, None]).reshape(-1, len(gradient))
-        hessian += j.T @ j
-        gradient += j.T @ (self._residual(projection.uv) * root).ravel()
+        if self.normal is None:
+            return jacobian
+        return np.asarray((jacobian * self.normal[:, :, None]).sum(1, keepdims=True))
 
 
 @dataclass(frozen=True)

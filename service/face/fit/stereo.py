@@ -18,7 +18,7 @@ import numpy as np
 
 from service.arrays import Bool, Float32, Float64, Int64, UInt8
 from service.colour import luma
-from service.face.fit.landmark_fit import at_barycentric
+from service.face.fit.landmark_fit import linear_points
 from service.face.fit.solver import PointTerm, State, project_points
 from service.geometry.mesh import vertex_normals
 from service.geometry.raster import Raster, rasterise
@@ -236,8 +236,7 @@ def stereo_terms(head: HeadModel, pictures: Sequence[Picture | None]) -> list[li
         found = tracks(head, shown[a], shown[b])
         if found is None:
             continue
-        bases = [at_barycentric(part, found.corners, found.weights) for part in (head.identity, head.expression)]
-        mean, modes = at_barycentric(head.mean, found.corners, found.weights), np.concatenate(bases)
+        mean, modes = linear_points(head, found.corners, found.weights)
         for place, target in zip((a, b), found.pixels, strict=True):
             state = shown[place].state
             now = project_points(state, mean + np.tensordot(state.coefficients, modes, 1)).uv

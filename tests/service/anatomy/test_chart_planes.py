@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from service.anatomy.chart_planes import lash_line
+from service.anatomy.canvas import lash_line
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask

@@ -11,7 +11,8 @@ import pytest
 
 from service.anatomy.canvas import Canvas, smooth_noise
 from service.anatomy.eye_meshes import SEGMENTS, eye_parts, eye_picture, globe, surface_picture
-from service.anatomy.mouth_meshes import FILE, mouth_parts, read_insets, teeth_picture
+from service.anatomy.items import MOUTH_FILE, read_insets
+from service.anatomy.mouth_meshes import mouth_parts, teeth_picture
 from service.colour import bytes_to_linear, luma
 from service.errors import ModelFault
 from service.face.features.eyes import Gaze
@@ -148,7 +149,7 @@ def test_another_head_keeps_its_own_teeth(head: HeadModel) -> None:
 def test_a_file_that_is_missing_or_damaged_is_named(tmp_path: Path) -> None:
     with pytest.raises(ModelFault, match="missing"):
         read_insets(tmp_path / "none.npz")
-    (tmp_path / "mouth.npz").write_bytes(FILE.read_bytes()[:4000])
+    (tmp_path / "mouth.npz").write_bytes(MOUTH_FILE.read_bytes()[:4000])
     with pytest.raises(ModelFault, match="cannot be read"):
         read_insets(tmp_path / "mouth.npz")
 

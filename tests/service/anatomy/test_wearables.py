@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.anatomy.items import read_items, write_items
+from service.anatomy.items import read_items
 from service.anatomy.wearables import bust_part, lash_part, seam, to_albedo
 from service.arrays import Float32
 from service.colour import linear_to_srgb
@@ -50,16 +50,6 @@ def test_the_bust_is_the_heads_own_neck_where_they_meet() -> None:
     neutral = HEAD.shape(np.array([1.5, -1.0, 0.5]))
     worn = item.worn(neutral - ITEMS.fitted_head)
     assert np.abs(worn[own] - neutral[of]).max() < 3e-5
-
-
-def test_a_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
-    items = [ITEMS.items["brow/eyebrow001"], ITEMS.items["bust/body"]]
-    for path in (tmp_path / "a.npz", tmp_path / "b.npz"):
-        write_items(items, ITEMS.fitted_head, path)
-    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-    again = read_items(tmp_path / "a.npz").items["brow/eyebrow001"]
-    np.testing.assert_allclose(again.rest, items[0].rest, atol=1e-5)
-    assert np.array_equal(again.picture, items[0].picture) and np.array_equal(again.triangles, items[0].triangles)
 
 
 def test_a_missing_or_torn_file_is_named(tmp_path: Path) -> None:
