@@ -17,14 +17,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Bool, Float32, Int32, Int64
 from service.geometry.mesh import face_normals
 from service.hair.atlas import SAMPLES, Atlas, Cells, Strokes, cell_corners, draw_atlas
 from service.hair.groom import Groom
-from service.hair.scalp import CELL_M, LOW, Scalp
+from service.hair.scalp import CELL_M, LOW, Field, Scalp
 from service.hair.style import WAVES
 from service.levels import QualityName
 from service.materials.material import Material, OwnMap
@@ -136,33 +136,26 @@ class Body:
     """The body of hair: which way is out of it.
 
     Attributes:
-        filled: (X, Y, Z) float32, blurred share of cells on the scalp's grid that hair or the head fills.
+        filled: blurred share of cells on the scalp's grid that hair or the head fills.
     """
 
-    filled: Float32
+    filled: Field
 
     @classmethod
     def of(cls, strands: Float32, scalp: Scalp) -> Body:
         """Of strands (N, P, 3) on a head."""
-        shape = scalp.distance.shape
+        distance = scalp.distance.values
+        shape = distance.shape
         cell = np.rint((strands.reshape(-1, 3) - np.array(LOW, np.float32)) / np.float32(CELL_M)).astype(np.int64)
         cell = np.clip(cell, 0, np.array(shape) - 1)
         count = np.bincount(np.ravel_multi_index(tuple(cell.T), shape), minlength=int(np.prod(shape))).reshape(shape)
         usual = max(float(np.median(count[count > 0])), 1.0)
-        solid = np.where(scalp.distance < 0, 1.0, 1 - np.exp(-count / usual))
-        return cls(np.asarray(gaussian_filter(solid, 2.0, mode="nearest"), np.float32))
+        solid = np.where(distance < 0, 1.0, 1 - np.exp(-count / usual))
+        return cls(Field(np.asarray(gaussian_filter(solid, 2.0, mode="nearest"), np.float32)))
 
     def outwards(self, points: Float32) -> Float32:
         """(..., 3) float32 unit vectors from points (..., 3), metres, to where there is less hair."""
-        flat, step = points.reshape(-1, 3), np.float32(CELL_M)
-        axes = np.eye(3, dtype=np.float32)
-        slopes = [self.read(flat + step * axis) - self.read(flat - step * axis) for axis in axes]
-        return _unit(-np.stack(slopes, -1)).reshape(points.shape)
-
-    def read(self, points: Float32) -> Float32:
-        """(N,) share of filled cells at points (N, 3)."""
-        at = (points.T - np.array(LOW, np.float32)[:, None]) / np.float32(CELL_M)
-        return np.asarray(map_coordinates(self.filled, at, order=1, mode="nearest"), np.float32)
+        return _unit(-self.filled.slope(points))
 
 
 @dataclass(frozen=True)
@@ -436,7 +429,7 @@ def _mesh(ribbons: Ribbons, cell: Int64, body: Body) -> Mesh:
     u = np.stack([low[:, 0], high[:, 0]], 1)[:, None].repeat(rows, 1)
     v = (low[:, 1:] + (high - low)[:, 1:] * along)[..., None].repeat(2, 2)
     quad = (2 * np.arange(rows - 1)[:, None, None] + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
-    order = np.argsort(body.read(ribbons.line[:, rows // 2]), kind="stable")[::-1]
+    order = np.argsort(body.filled.read(ribbons.line[:, rows // 2]), kind="stable")[::-1]
     faces = (2 * rows * order.astype(np.int32)[:, None, None] + quad[None]).reshape(-1, 3)
     normals = np.repeat(_lit(ribbons, body)[:, :, None], 2, 2)
     # A little of the ribbon's own roundness, so that bundles are told apart.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Bool, Float32, Int64
@@ -25,6 +25,9 @@ CELL_M = 0.008
 """Side of a cell of the grid of distances."""
 LOW, HIGH = (-0.30, -0.48, -0.34), (0.30, 0.26, 0.22)
 """Corners of that grid, metres."""
+_LOW = np.array(LOW, np.float32)
+_AT_ONCE = 1 << 14
+"""Points that are read at a time, so that what is gathered for them fits into the cache."""
 EVEN = 1200
 """Roots of :attr:`Scalp.even`: more than there are guides or large locks."""
 EDGE = 0.45
@@ -74,6 +77,51 @@ class Roots:
 
 
 @dataclass(frozen=True)
+class Field:
+    """Values on the grid of ``CELL_M`` from ``LOW``, trilinear between its points; beyond it those of its border.
+
+    Attributes:
+        values: (X, Y, Z) float32.
+    """
+
+    values: Float32
+
+    def read(self, points: Float32) -> Float32:
+        """(...) float32 at points (..., 3) metres."""
+        return self._at(self.values.reshape(-1, 1), points)[..., 0]
+
+    def slope(self, points: Float32) -> Float32:
+        """(..., 3) float32 at points (..., 3) metres: the change over two cells, one before and one behind."""
+        return self._at(self._slopes, points)
+
+    @cached_property
+    def _slopes(self) -> Float32:
+        rows = np.pad(self.values, 1, mode="edge")
+        slopes = [
+            rows[2:, 1:-1, 1:-1] - rows[:-2, 1:-1, 1:-1], rows[1:-1, 2:, 1:-1] - rows[1:-1, :-2, 1:-1],
+            rows[1:-1, 1:-1, 2:] - rows[1:-1, 1:-1, :-2],
+        ]  # fmt: skip
+        return np.stack(slopes, -1).reshape(-1, 3)
+
+    def _at(self, rows: Float32, points: Float32) -> Float32:
+        """(..., C) of rows (X * Y * Z, C)."""
+        flat, shape = points.reshape(-1, 3), np.array(self.values.shape)
+        step = np.array([shape[1] * shape[2], shape[2], 1])
+        corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) @ step
+        made = np.zeros((len(flat), rows.shape[1]), np.float32)
+        for first in range(0, len(flat), _AT_ONCE):
+            place = (flat[first : first + _AT_ONCE] - _LOW) * np.float32(1 / CELL_M)
+            place = np.minimum(np.maximum(place, 0), (shape - 1).astype(np.float32))
+            low = np.minimum(place.astype(np.int64), shape - 2)
+            x, y, z = (place - low).astype(np.float32).T[..., None]
+            found = rows.take((low @ step) + corners[:, None], 0)
+            found = found[:4] + x * (found[4:] - found[:4])
+            found = found[:2] + y * (found[2:] - found[:2])
+            made[first : first + _AT_ONCE] = found[0] + z * (found[1] - found[0])
+        return made.reshape(*points.shape[:-1], rows.shape[1])
+
+
+@dataclass(frozen=True)
 class Scalp:
     """The skin on which hair grows, and the distance to the body.
 
@@ -82,14 +130,14 @@ class Scalp:
         normals: (T, 3, 3) float32 unit, at their corners.
         grows: (T, 3) float32 in [0, 1] at their corners: 1 on the scalp, 0 on bare skin.
         uv: (T, 3, 2) float32 in [0, 1], of the corners on the head's chart.
-        distance: (X, Y, Z) float32 metres on a grid of ``CELL_M`` from ``LOW``: negative inside head or shoulders.
+        distance: metres from head and shoulders, negative inside.
     """
 
     corners: Float32
     normals: Float32
     grows: Float32
     uv: Float32
-    distance: Float32
+    distance: Field
 
     @classmethod
     def of(cls, head: HeadModel, vertices: AnyFloat | None = None) -> Scalp:
@@ -108,7 +156,7 @@ class Scalp:
         own, uv = skin[grows], head.uv[head.triangle_uv[of_skin][grows]]
         hidden = np.maximum(head.region("mouth_inner"), head.region("eye_socket"))
         outer = skin[(hidden[skin] < 0.5).all(1)]
-        return cls(points[own], normal[own], mask[own].astype(np.float32), uv, _distances(points[outer]))
+        return cls(points[own], normal[own], mask[own].astype(np.float32), uv, Field(_distances(points[outer])))
 
     def roots(self, count: int, rng: np.random.Generator, least: float = EDGE) -> Roots:
         """``count`` roots where hair grows, in random order: more where the mask is surer, none below ``least`` of it.
@@ -158,7 +206,7 @@ class Scalp:
 
     def outside(self, points: Float32) -> Float32:
         """(...) float32 metres from points (..., 3) to the body, negative inside; beyond the grid its border's."""
-        return _read(self.distance, points)
+        return self.distance.read(points)
 
     def pushed(self, points: Float32, clearance: Float32 | float, most: float = 1.0) -> Float32:
         """Points (..., 3) moved out of the body until they are ``clearance`` metres from it, by at most ``most``."""
@@ -174,12 +222,7 @@ class Scalp:
 
     def outwards(self, points: Float32) -> Float32:
         """(..., 3) float32 unit vectors along which the distance to the body grows fastest."""
-        step = np.float32(CELL_M)
-        slopes = [
-            _read(self.distance, points + step * axis) - _read(self.distance, points - step * axis)
-            for axis in np.eye(3, dtype=np.float32)
-        ]
-        found = np.stack(slopes, -1)
+        found = self.distance.slope(points)
         # Hair slides off the shoulders, to the front or to the back; it does not lie on them like straw.
         low = points[..., 1] < SLIDES_BELOW
         found[..., 1] = np.where(low, 0.0, found[..., 1])
@@ -200,18 +243,13 @@ def _unit(vectors: Float32) -> Float32:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)
 
 
-def _read(grid: Float32, points: Float32) -> Float32:
-    at = (points.reshape(-1, 3).T - np.array(LOW, np.float32)[:, None]) / np.float32(CELL_M)
-    return np.asarray(map_coordinates(grid, at, order=1, mode="nearest").reshape(points.shape[:-1]), np.float32)
-
-
 def _distances(triangles: Float32) -> Float32:
     """Signed distances on the grid to triangles (T, 3, 3), whose fronts look outwards, and to the shoulders."""
     samples, normals = _dense(triangles)
     axes = [np.arange(low, high, CELL_M, dtype=np.float32) for low, high in zip(LOW, HIGH, strict=True)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
     shape = cells.shape[:3]
-    place = np.rint((samples - np.array(LOW, np.float32)) / np.float32(CELL_M)).astype(int)
+    place = np.rint((samples - _LOW) / np.float32(CELL_M)).astype(int)
     inside = ((place >= 0) & (place < shape)).all(1)
     samples, normals, place = samples[inside], normals[inside], place[inside]
     # One sample of each cell of the surface stands for it; cells near the surface take the nearest of all instead.
