@@ -22,8 +22,11 @@ ROOT = Path(__file__).parents[2]
 PHOTO = ROOT / "service" / "data" / "sample" / "astronaut.png"
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-# WebGL without a graphics card.
-ARGUMENTS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+# WebGL without a graphics card, and a camera that shows a test picture.
+ARGUMENTS = [
+    "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
+    "--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream",
+]  # fmt: skip
 PATIENCE_MS = 120_000
 
 # Half the pixels each way: drawing without a graphics card takes its time.
@@ -107,6 +110,7 @@ def open_page(browser: Browser) -> Iterator[Opener]:
 
 def submit(page: Page) -> None:
     page.set_input_files("#file", PHOTO)
+    page.wait_for_selector("#thumbs li")
     page.click("#go")
 
 

@@ -6,6 +6,7 @@ It serves the built page, takes photos, moves a job through its stages on a cloc
 from __future__ import annotations
 
 import json
+import mimetypes
 import threading
 import time
 import zipfile
@@ -16,49 +17,27 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-STATIC = Path(__file__).parents[2] / "service" / "web" / "static"
+from service.api.front import SECURITY_HEADERS
 
-POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
-"""Nothing that the service's own policy does not allow, and less."""
-
-KINDS = {
-    ".html": "text/html; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".css": "text/css; charset=utf-8",
-    ".svg": "image/svg+xml",
-    ".txt": "text/plain; charset=utf-8",
-    ".json": "application/json",
-    ".png": "image/png",
-    ".jpg": "image/jpeg",
-}
+STATIC = Path(__file__).resolve().parents[2] / "service" / "web" / "static"
 
 STAGES = ["decode", "detect", "fit", "texture", "compare"]
 
+LARGE = [6144, 4096]
+SIZES = {"draft": [1536, 1024], "standard": LARGE, "high": LARGE, "reference": LARGE}
 QUALITY = {
     "items": [
-        {"quality": "draft", "size": [1536, 1024], "jobs": 4, "median_s": 8.2, "p90_s": 9.0, "peak_rss_mb": 900.0},
-        {
-            "quality": "standard",
-            "size": [6144, 4096],
-            "jobs": 9,
-            "median_s": 41.0,
-            "p90_s": 47.0,
-            "peak_rss_mb": 2100.0,
-        },
-        {"quality": "standard", "size": [1536, 1024], "jobs": 1, "median_s": 9.0, "p90_s": 9.0, "peak_rss_mb": 900.0},
+        {"quality": "draft", "size": [1536, 1024], "median_s": 8.2},
+        {"quality": "standard", "size": LARGE, "median_s": 41.0},
+        {"quality": "standard", "size": [1536, 1024], "median_s": 9.0},
     ],
-    "levels": [
-        {"name": "draft", "size": [1536, 1024]},
-        {"name": "standard", "size": [6144, 4096]},
-        {"name": "high", "size": [6144, 4096]},
-        {"name": "reference", "size": [6144, 4096]},
-    ],
+    "levels": [{"name": name, "size": size} for name, size in SIZES.items()],
     "formats": ["jpeg", "png", "webp"],
-    "choices": {"hair": ["auto", "none", "bob"], "eye_colour": ["auto", "blue"], "mouth": ["auto", "shut"]},
-}
+    "choices": {
+        "hair": ["auto", "none", "bob"], "hair_colour": ["auto", "red"], "eye_colour": ["auto", "blue"],
+        "mouth": ["auto", "shut"],
+    },
+}  # fmt: skip
 KIT = b"PK\x05\x06" + bytes(18)
 """A zip without files, which stands for every kit."""
 
@@ -70,8 +49,8 @@ class Fake:
     Attributes:
         archive: path of the zip whose files it hands out.
         step_s: time of one stage.
-        error: problem object that the next job ends with; used once where ``error_once``.
-        refuse: (status, problem) that the next POST gets; used once.
+        error: problem object that the next job ends with; used once.
+        refuse: problem that the next POST gets; used once.
         streams: whether there are event streams.
         cut_after: the event stream breaks after so many events, each time.
         key: the access key that is wanted.
@@ -82,7 +61,7 @@ class Fake:
     archive: Path
     step_s: float = 0.12
     error: dict[str, Any] | None = None
-    refuse: tuple[int, dict[str, Any]] | None = None
+    refuse: dict[str, Any] | None = None
     streams: bool = True
     cut_after: int = 10**9
     key: str = ""
@@ -92,14 +71,14 @@ class Fake:
     errors: dict[str, dict[str, Any]] = field(default_factory=dict)
     deleted: list[str] = field(default_factory=list)
     options: list[dict[str, Any]] = field(default_factory=list)
-    photos: list[bytes] = field(default_factory=list)
+    photos: list[list[bytes]] = field(default_factory=list)
     requests: list[tuple[str, str, dict[str, str]]] = field(default_factory=list)
     address: str = ""
 
-    def post(self, options: dict[str, Any], photo: bytes) -> str:
+    def post(self, options: dict[str, Any], photos: list[bytes]) -> str:
         name = f"job-{len(self.jobs)}-{'x' * 20}"
         self.options.append(options)
-        self.photos.append(photo)
+        self.photos.append(photos)
         self.jobs[name] = time.monotonic()
         if self.error is not None:
             self.errors[name], self.error = self.error, None
@@ -147,10 +126,9 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         path = self._begin()
-        if path == "/":
-            return self._file(STATIC / "index.html")
-        if path[1:] in {file.relative_to(STATIC).as_posix() for file in STATIC.rglob("*") if file.is_file()}:
-            return self._file(STATIC / path[1:])
+        page = STATIC / (path[1:] or "index.html")
+        if page.is_file() and page.resolve().is_relative_to(STATIC):
+            return self._send(200, str(mimetypes.guess_type(page.name)[0]), page.read_bytes())
         if not self._allowed():
             return None
         if path == "/v1/quality":
@@ -161,8 +139,7 @@ class Handler(BaseHTTPRequestHandler):
             return self._send(200, "application/zip", KIT) if file else self._json(200, ready)
         name, _, rest = path.removeprefix("/v1/avatars/").partition("/")
         if name in self.fake.gone:
-            reason = self.fake.gone[name]
-            return self._problem(problem("gone", 410, "Gone", "The result has expired or was erased.", reason=reason))
+            return self._problem(problem("gone", 410, "Gone", "It is gone.", reason=self.fake.gone[name]))
         if name not in self.fake.jobs or name in self.fake.deleted:
             return self._problem(problem("not-found", 404, "Not found", "There is no such avatar."))
         if not rest:
@@ -182,13 +159,13 @@ class Handler(BaseHTTPRequestHandler):
         if not self._allowed():
             return None
         if self.fake.refuse is not None:
-            (_, content), self.fake.refuse = self.fake.refuse, None
+            content, self.fake.refuse = self.fake.refuse, None
             return self._problem(content)
         if self.path == "/v1/exports":
             wish = json.loads(body)
             return self._json(202, self._export(wish["avatar"], wish["for"], "running"))
         parts = _parts(body, self.headers["Content-Type"])
-        name = self.fake.post(json.loads(parts["options"]), parts["image"])
+        name = self.fake.post(json.loads(parts["options"][0]), parts["image"])
         return self._json(202, self.fake.state(name, 1), {"Location": f"/v1/avatars/{name}"})
 
     def do_DELETE(self) -> None:
@@ -237,12 +214,7 @@ class Handler(BaseHTTPRequestHandler):
         with zipfile.ZipFile(self.fake.archive) as archive:
             if path not in archive.namelist():
                 return self._problem(problem("not-found", 404, "Not found", f"There is no {path}."))
-            return self._send(200, KINDS.get(Path(path).suffix, "application/octet-stream"), archive.read(path))
-
-    def _file(self, path: Path) -> None:
-        if not path.is_file():
-            return self._problem(problem("not-found", 404, "Not found", path.name))
-        return self._send(200, KINDS[path.suffix], path.read_bytes())
+            return self._send(200, mimetypes.guess_type(path)[0] or "application/octet-stream", archive.read(path))
 
     def _json(self, status: int, content: object, headers: dict[str, str] | None = None) -> None:
         self._send(status, "application/json", json.dumps(content).encode(), headers)
@@ -255,8 +227,7 @@ class Handler(BaseHTTPRequestHandler):
         for name, value in {
             "Content-Type": kind,
             "Content-Length": str(len(body)),
-            "Content-Security-Policy": POLICY,
-            "X-Content-Type-Options": "nosniff",
+            **SECURITY_HEADERS,
             **(headers or {}),
         }.items():
             self.send_header(name, value)
@@ -265,14 +236,13 @@ class Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
 
-def _parts(body: bytes, kind: str) -> dict[str, bytes]:
+def _parts(body: bytes, kind: str) -> dict[str, list[bytes]]:
     """Parts of a multipart body by name."""
-    mark = b"--" + kind.partition("boundary=")[2].encode()
-    parts = {}
-    for part in body.split(mark)[1:-1]:
+    parts: dict[str, list[bytes]] = {}
+    for part in body.split(b"--" + kind.partition("boundary=")[2].encode())[1:-1]:
         head, _, content = part.partition(b"\r\n\r\n")
         name = head.partition(b'name="')[2].partition(b'"')[0].decode()
-        parts[name] = content.removesuffix(b"\r\n")
+        parts.setdefault(name, []).append(content.removesuffix(b"\r\n"))
     return parts
 
 

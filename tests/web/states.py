@@ -29,7 +29,7 @@ def before(page: Page, fake: Fake) -> Iterator[str]:
     page.click("#more > summary")
     page.check("input[name=which][value=some]")
     page.set_input_files("#file", PHOTO)
-    page.wait_for_selector("#preview:not([hidden])")
+    page.wait_for_selector("#thumbs img")
     yield "photo and options"
     page.uncheck("#maps-choices input >> nth=0")
     page.check("input[name=which][value=all]")

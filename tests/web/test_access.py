@@ -18,6 +18,7 @@ PHONE: dict[str, Any] = {
     "viewport": {"width": 390, "height": 780}, "device_scale_factor": 1, "is_mobile": True, "has_touch": True,
 }  # fmt: skip
 
+
 def tab_to(page: Page, selector: str) -> None:
     for _ in range(80):
         page.keyboard.press("Tab")
@@ -121,10 +122,6 @@ def test_a_phone(fake: Fake, open_page: Opener) -> None:
         assert here
         assert scene
         assert here["y"] >= scene["y"] + scene["height"] - 1, f"{selector} has the focus and lies under the view"
-
-
-def test_there_is_no_camera_button_with_a_mouse(fake: Fake, open_page: Opener) -> None:
-    assert not open_page(fake.address).is_visible("label[for=camera]")
 
 
 def test_without_webgl_there_is_the_preview(fake: Fake, open_page: Opener) -> None:

@@ -19,19 +19,15 @@ STATIC = ROOT / "service" / "web" / "static"
 
 
 class Tags(HTMLParser):
-    """All start tags of a page."""
+    """All start tags of the page."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.found: list[tuple[str, dict[str, str | None]]] = []
-        self.feed(text)
+        self.feed((STATIC / "index.html").read_text("utf-8"))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.found.append((tag, dict(attrs)))
-
-
-def page() -> Tags:
-    return Tags((STATIC / "index.html").read_text("utf-8"))
 
 
 def built() -> list[Path]:
@@ -50,14 +46,14 @@ def test_the_page_is_small() -> None:
 
 
 def test_every_picture_is_shown_and_every_shown_picture_is_there() -> None:
-    shown = {attributes["src"] for tag, attributes in page().found if tag == "img" and attributes.get("src")}
+    shown = {attributes["src"] for tag, attributes in Tags().found if tag == "img" and attributes.get("src")}
     there = {path.relative_to(STATIC).as_posix() for path in built() if path.suffix in (".jpg", ".svg")}
     assert shown == there - {"sample.jpg"}, "sample.jpg is handed in, not shown"
 
 
 def test_pictures_of_the_gallery_are_plain() -> None:
     """No metadata, and the sizes that the page reserves for them, so that nothing jumps when they come."""
-    for tag, attributes in page().found:
+    for tag, attributes in Tags().found:
         if tag != "img" or not (attributes.get("src") or "").startswith("gallery/"):
             continue
         with Image.open(STATIC / str(attributes["src"])) as picture:
@@ -66,28 +62,19 @@ def test_pictures_of_the_gallery_are_plain() -> None:
             assert abs(picture.width / picture.height - width / height) < 0.01, attributes["src"]
 
 
-def test_nothing_comes_from_another_server() -> None:
-    """A content delivery network would learn who uses the service, and the page would need the internet."""
-    for tag, attributes in page().found:
+def test_nothing_comes_from_another_server_and_nothing_is_inline() -> None:
+    """A content delivery network would learn who uses the service; the content security policy would block the rest."""
+    for tag, attributes in Tags().found:
         for name in ("src", "href"):
-            assert not re.match(r"(\w+:)?//", attributes.get(name) or ""), f"{tag} {name}"
-    style = (STATIC / "app.css").read_text("utf-8")
-    assert "@import" not in style
-    assert not re.search(r"url\(", style)
-
-
-def test_nothing_is_inline() -> None:
-    """The content security policy would block it."""
-    for tag, attributes in page().found:
-        assert tag != "style"
-        assert tag != "script" or attributes.get("src")
+            assert not re.match(r"(\w+:)?//|javascript:", attributes.get(name) or ""), f"{tag} {name}"
+        assert tag != "style" and (tag != "script" or attributes.get("src"))
         assert not [name for name in attributes if name == "style" or name.startswith("on")], tag
-        assert not (attributes.get("href") or "").startswith("javascript:")
+    assert not re.search(r"@import|url\(", (STATIC / "app.css").read_text("utf-8"))
 
 
 def test_every_control_has_a_name() -> None:
     """A label, or text inside: what a screen reader says."""
-    found = page().found
+    found = Tags().found
     labelled = {attributes.get("for") for tag, attributes in found if tag == "label"}
     for tag, attributes in found:
         if tag == "img":

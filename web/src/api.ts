@@ -1,5 +1,6 @@
 // The service's HTTP interface, as far as this page uses it.
 
+import { hex } from "./dom";
 import { Fault, problemOf, Unreachable, type Problem } from "./problem";
 
 export type State = "queued" | "running" | "succeeded" | "failed" | "cancelled" | "expired";
@@ -157,7 +158,7 @@ export function submit(
 
 /** Not crypto.randomUUID: that is missing where the page comes over plain HTTP from another machine. */
 export function newKey(): string {
-  return Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("");
+  return hex(crypto.getRandomValues(new Uint8Array(16)));
 }
 
 function parsed(text: string): unknown {

@@ -14,10 +14,10 @@ import { Work } from "./work";
 const SCREENS = ["intake", "faces", "work", "result", "gone"] as const;
 type Screen = (typeof SCREENS)[number];
 
-/** What a job was made from; no photo where the page took it up by its address. */
+/** What a job was made from; no photos where the page took it up by its address. */
 interface Origin {
   options: Options;
-  photoUrl: string;
+  photos: readonly File[];
 }
 
 const never = () => undefined;
@@ -56,12 +56,12 @@ async function create(options: Options, key = newKey()): Promise<void> {
   const photos = intake.photos;
   const signal = begin();
   show("work");
-  work.start(intake.photoUrl, intake.expected(options));
+  work.start(photos[0], intake.expected(options));
   byId("work-title").focus();
   await guarded(signal, () => void create(options, key), async () => {
     job = await submit(photos, options, key, (share) => work.sent(share), signal);
     history.replaceState(null, "", `#avatar=${job.id}`);
-    await finish(await watch(job, signal), signal, { options, photoUrl: intake.photoUrl });
+    await finish(await watch(job, signal), signal, { options, photos });
   });
 }
 
@@ -82,9 +82,9 @@ async function resume(): Promise<void> {
     const found = await readJob(id, signal);
     if (found.state === "queued" || found.state === "running") {
       show("work");
-      work.start("", null);
+      work.start(undefined, null);
     }
-    await finish(await watch(found, signal), signal, { options: {}, photoUrl: "" });
+    await finish(await watch(found, signal), signal, { options: {}, photos: [] });
   });
 }
 
@@ -98,34 +98,37 @@ async function finish(done: Job, signal: AbortSignal, origin: Origin): Promise<v
   job = done;
   if (done.state === "succeeded") return open(done, signal, origin);
   const boxes = done.error?.boxes;
-  if (done.state === "failed" && done.error?.code === "multiple-faces" && boxes) return ask(boxes, origin);
+  if (done.state === "failed" && done.error?.code === "multiple-faces" && boxes) return ask(boxes, done.error.photo ?? 0, origin);
   if (done.state === "failed") throw new Fault(done.error ?? { title: "The job failed", status: 500 });
   if (done.state === "expired") throw new Fault({ title: "The head has expired", status: 410, reason: "expired" });
   throw new Fault({ title: "Cancelled", status: 409, detail: "This head was cancelled before it was done." });
 }
 
 /** Several faces: a question, not an error. Without the photo, after a reload, it has to be chosen again first. */
-function ask(boxes: NonNullable<Problem["boxes"]>, { options, photoUrl }: Origin): void {
+function ask(boxes: NonNullable<Problem["boxes"]>, which: number, { options, photos }: Origin): void {
   reset();
-  if (!photoUrl) {
+  if (!photos.length) {
     byId("ask-again").textContent = `There are ${boxes.length} faces in that photo. Choose the photo again to say whose head it is to be.`;
     byId("ask-again").hidden = false;
     return;
   }
   show("faces");
   byId("live").textContent = `${boxes.length} faces were found`;
-  chooseFace(boxes, photoUrl, (face) => void create({ ...options, face }));
+  chooseFace(boxes, photos[which]!, (face) => void create({ ...options, face }));
 }
 
-async function open(done: Job, signal: AbortSignal, { options, photoUrl }: Origin): Promise<void> {
+async function open(done: Job, signal: AbortSignal, { photos }: Origin): Promise<void> {
   show("result");
   byId("live").textContent = "The head is ready";
   byId("result-title").focus();
   window.scrollTo(0, 0);
-  const again = photoUrl ? (more: Options) => void create({ ...options, ...more }) : null;
+  const again = (options: Options, files: readonly File[]) => {
+    if (files.length) intake.take(files);
+    void create(options);
+  };
   const { openResult } = await loadViewer();
   if (signal.aborted) return;
-  close = await openResult(done, { photoUrl, erase: () => void erase(done), again, gone }, signal);
+  close = await openResult(done, { photos, erase: () => void erase(done), again, gone }, signal);
 }
 
 function loadViewer(): Promise<typeof import("./viewer")> {
@@ -180,7 +183,7 @@ function fail(problem: Problem, again: (() => void) | null = null, retryAfter?: 
   retry = again ?? never;
   byId("fault-title").textContent = problem.title;
   const later = retryAfter ? ` Try again in ${retryAfter} s.` : "";
-  byId("fault-detail").textContent = (problem.detail ?? "") + later;
+  byId("fault-detail").textContent = intake.blamed(problem) + later;
   byId("key-form").hidden = problem.status !== 401;
   byId("again").hidden = !again || !(problem.status === 0 || problem.status === 429 || problem.status >= 500);
   byId("fault").hidden = false;
@@ -206,6 +209,7 @@ function reset(): void {
 
 function startAgain(): void {
   reset();
+  intake.take([]);
   byId("file").focus();
 }
 

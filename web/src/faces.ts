@@ -3,7 +3,7 @@
 import { byId, make } from "./dom";
 import type { Box } from "./problem";
 
-export function chooseFace(boxes: Box[], photoUrl: string, chosen: (index: number) => void): void {
+export function chooseFace(boxes: Box[], file: File, chosen: (index: number) => void): void {
   const photo = byId<HTMLImageElement>("boxes-photo");
   const field = byId("boxes");
   const list = byId("face-list");
@@ -18,7 +18,8 @@ export function chooseFace(boxes: Box[], photoUrl: string, chosen: (index: numbe
     field.hidden = false;
     for (const [index, box] of boxes.entries()) field.append(frame(index, box, photo, chosen));
   };
-  photo.src = photoUrl;
+  URL.revokeObjectURL(photo.src);
+  photo.src = URL.createObjectURL(file);
 }
 
 function frame(index: number, box: Box, photo: HTMLImageElement, chosen: (index: number) => void): HTMLButtonElement {

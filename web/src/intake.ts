@@ -1,9 +1,12 @@
 // The photo and the options.
 
-import { headers, type Options } from "./api";
+import type { Options } from "./api";
+import { guided, hasCamera } from "./camera";
+import { chosen, offered, pickers } from "./choices";
 import { byId, make, words } from "./dom";
+import { thumbnail } from "./panel/photos";
 import type { Problem } from "./problem";
-import { noteOnTimes, readLevels, timeInWords, withoutReflectance, type Expected, type Level } from "./times";
+import { noteOnTimes, timeInWords, withMorePhotos, withoutReflectance, type Expected, type Level } from "./times";
 
 const USUAL = "standard";
 const QUICK = "draft";
@@ -36,13 +39,10 @@ const MOST_PHOTOS = 24;
 
 export class Intake {
   photos: File[] = [];
-  photoUrl = "";
-  private thumbs: string[] = [];
   private levels: Level[] = [];
-
   private formats = Object.keys(FORMATS);
 
-  /** `refused` is told of a file that is no photo that can be read. */
+  /** `refused` is told of files that are no photos that can be read. */
   constructor(
     private readonly changed: () => void,
     private readonly refused: (problem: Problem) => void,
@@ -51,9 +51,7 @@ export class Intake {
     for (const id of ["file", "camera"]) {
       const input = byId<HTMLInputElement>(id);
       input.addEventListener("change", () => {
-        // Another one from the camera joins those that are there: front, then turned left, then right.
-        const before = id === "camera" ? this.photos : [];
-        if (input.files?.length) void this.choose([...input.files], before);
+        void this.choose([...(input.files ?? [])]);
         input.value = ""; // the same file again is a change too
       });
     }
@@ -62,78 +60,79 @@ export class Intake {
         if (byId("intake").hidden) return;
         event.preventDefault(); // a photo dropped beside the field would replace the page
         drop.classList.toggle("over", type === "dragover");
-        const files = type === "drop" ? event.dataTransfer?.files : undefined;
-        if (files?.length) void this.choose([...files]);
+        if (type === "drop") void this.choose([...(event.dataTransfer?.files ?? [])]);
       });
     document.addEventListener("paste", (event) => {
-      const files = byId("intake").hidden ? undefined : event.clipboardData?.files;
-      if (files?.length) void this.choose([...files]);
+      if (!byId("intake").hidden) void this.choose([...(event.clipboardData?.files ?? [])]);
     });
+    byId("guide-open").addEventListener("click", () => void this.guide());
+    void hasCamera().then((has) => (byId("guide-open").hidden = !has));
     this.offerMaps();
     byId("intake").addEventListener("change", () => this.tellTime());
     void this.ask();
   }
 
-  /** Takes files if all are photos that this server reads, whatever their names say. */
-  async choose(files: readonly File[], before: readonly File[] = []): Promise<void> {
+  /** Takes those files that are photos that this server reads, whatever their names say, beside those of before. */
+  async choose(files: readonly File[]): Promise<void> {
+    const good: File[] = [];
+    const bad: string[] = [];
     for (const file of files) {
       const format = formatOf(new Uint8Array(await file.slice(0, 16).arrayBuffer()));
-      if (format && this.formats.includes(format)) continue;
-      const names = this.formats.map((one) => FORMATS[one] ?? one).join(", ");
-      const title = format ? `This server does not read ${FORMATS[format]}` : `${file.name} is not a photo that can be read`;
-      this.refused({ title, status: 415, detail: `Choose a ${names} file.` });
-      return;
+      if (format && this.formats.includes(format)) good.push(file);
+      else bad.push(format ? `${file.name} is ${FORMATS[format]}, which this server does not read` : `${file.name} is not a photo that can be read`);
     }
-    this.take([...before, ...files]);
+    if (good.length) this.take([...this.photos, ...good]);
+    const names = this.formats.map((one) => FORMATS[one] ?? one).join(", ");
+    const others = bad.length > 1 ? `Nor can ${bad.length - 1} more: ${bad.slice(1).join("; ")}. ` : "";
+    if (bad.length) this.refused({ title: bad[0]!, status: 415, detail: `${others}Choose ${names} files.` });
   }
 
+  /** These photos, and no others; none empties the field. */
   take(files: readonly File[]): void {
-    this.photos = files.slice(0, MOST_PHOTOS);
-    for (const url of this.thumbs) URL.revokeObjectURL(url);
-    this.thumbs = this.photos.map((file) => URL.createObjectURL(file));
-    this.photoUrl = this.thumbs[0]!;
-    const preview = byId<HTMLImageElement>("preview");
-    // A format that this browser cannot show may still be one that the service reads.
-    preview.onerror = () => (preview.hidden = true);
-    preview.onload = () => (preview.hidden = false);
-    preview.src = this.photoUrl;
-    byId("drop-words").hidden = true;
-    byId("photo-name").hidden = false;
-    byId("photo-name").textContent =
-      this.photos.length === 1 ? this.photos[0]!.name : `${this.photos.length} photos of one person`;
-    this.showThumbs();
-    byId("file-label").textContent = "Choose others";
+    this.photos = files.filter((file, place) => files.findIndex((other) => same(file, other)) === place).slice(0, MOST_PHOTOS);
+    const [first, ...more] = this.photos;
+    byId("drop-words").hidden = first !== undefined;
+    byId("photo-name").hidden = !first;
+    byId("photo-name").textContent = more.length ? `${this.photos.length} photos of one person` : (first?.name ?? "");
+    byId("thumbs").replaceChildren(...this.photos.map((file) => this.thumb(file)));
+    byId("file-label").textContent = first ? "Add photos" : "Choose photos";
+    this.tellTime();
     this.changed();
   }
 
-  /** Small pictures of several photos; one is taken away by its button. */
-  private showThumbs(): void {
-    const row = byId("thumbs");
-    row.hidden = this.photos.length < 2;
-    row.replaceChildren(
-      ...this.photos.map((file, place) => {
-        const button = make("button", { type: "button", "aria-label": `Take ${file.name} away`, title: "Take away" }, "×");
-        button.addEventListener("click", () => this.take(this.photos.filter((_, other) => other !== place)));
-        return make("span", { class: "thumb" }, make("img", { src: this.thumbs[place]!, alt: file.name }), button);
-      }),
-    );
+  /** What is wrong with one of several photos, by the name of its file, which is marked. */
+  blamed({ photo, detail = "" }: Problem): string {
+    const file = this.photos.length > 1 && photo !== undefined ? this.photos[photo] : undefined;
+    if (!file) return detail;
+    byId("thumbs").children[photo!]?.classList.add("bad");
+    return detail.replace(/^photo \d+ of \d+(?=:)/, file.name);
+  }
+
+  private async guide(): Promise<void> {
+    try {
+      await this.choose(await guided());
+    } catch (error) {
+      this.refused({ title: "The camera cannot be used", status: 0, detail: (error as Error).message });
+    }
+  }
+
+  /** A small picture that can be taken away. */
+  private thumb(file: File): HTMLElement {
+    const button = make("button", { type: "button", "aria-label": `Take ${file.name} away`, title: "Take away" }, "×");
+    button.addEventListener("click", () => this.take(this.photos.filter((other) => other !== file)));
+    return make("li", {}, thumbnail(file), button);
   }
 
   options(): Options {
     const form = new FormData(byId<HTMLFormElement>("intake"));
-    const chosen: Options = {};
+    const wish: Options = chosen(form);
     const quality = form.get("quality");
-    if (typeof quality === "string") chosen.quality = quality;
+    if (typeof quality === "string") wish.quality = quality;
     const which = form.get("which");
-    if (which === "fast") chosen.maps = FAST;
-    if (which === "some") chosen.maps = form.getAll("maps").map(String);
-    if (form.get("face") === "largest") chosen.face = "largest";
-    const hair = String(form.get("hair") ?? "auto"), colour = String(form.get("hair_colour") ?? "auto");
-    if (hair !== "auto") chosen.hair = hair;
-    if (colour !== "auto") chosen.hair_colour = colour;
-    const length = Number(form.get("hair_length"));
-    if (length > 0) chosen.hair_length = length;
-    return chosen;
+    if (which === "fast") wish.maps = FAST;
+    if (which === "some") wish.maps = form.getAll("maps").map(String);
+    if (form.get("face") === "largest") wish.face = "largest";
+    return wish;
   }
 
   /** Options of a first try: the quickest level, everything else as usual. */
@@ -143,21 +142,20 @@ export class Intake {
 
   /** How long a job with these options is likely to take. */
   expected(options: Options): Expected | null {
-    if (options.maps?.every((name) => FAST.includes(name))) return withoutReflectance(this.levels);
-    return this.levels.find((level) => level.name === (options.quality ?? USUAL))?.expected ?? null;
+    const one = options.maps?.every((name) => FAST.includes(name))
+      ? withoutReflectance(this.levels)
+      : (this.levels.find((level) => level.name === (options.quality ?? USUAL))?.expected ?? null);
+    return withMorePhotos(one, this.photos.length - 1);
   }
 
-  /** How long each quality takes on this server; without an answer its usual one is made. */
+  /** What this server offers; without an answer its usual quality is made. */
   private async ask(): Promise<void> {
-    try {
-      const answer = await fetch("v1/quality", { headers: headers() });
-      if (!answer.ok) return;
-      const told = await answer.json();
-      this.offer(readLevels(told));
-      if (Array.isArray(told.formats)) this.accept(told.formats);
-    } catch {
-      // The page works without.
-    }
+    const offer = await offered();
+    if (!offer) return;
+    this.offer(offer.levels);
+    if (offer.formats) this.accept(offer.formats);
+    byId("looks").append(...pickers(offer.choices, "make"));
+    byId("looks").hidden = byId("looks").children.length < 2;
   }
 
   private accept(formats: string[]): void {
@@ -202,4 +200,8 @@ export class Intake {
       byId("maps-choices").hidden = which !== "some";
     });
   }
+}
+
+function same(one: File, other: File): boolean {
+  return one === other || (one.name === other.name && one.size === other.size && one.lastModified === other.lastModified);
 }

@@ -9,6 +9,8 @@ export interface Problem {
   /** Why a result is gone: expired, erased, lost. */
   reason?: string;
   boxes?: Box[];
+  /** Which of several photos it is about, from 0. */
+  photo?: number;
 }
 
 /** left, top, right, bottom in pixels of the upright photo. */
@@ -51,5 +53,6 @@ export function problemOf(content: unknown, status: number): Problem {
     instance: text("instance"),
     reason: text("reason"),
     boxes,
+    photo: Number.isInteger(given.photo) ? (given.photo as number) : undefined,
   };
 }

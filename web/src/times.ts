@@ -47,6 +47,14 @@ export function withoutReflectance(levels: Level[]): Expected | null {
   return draft ? { seconds: WITHOUT_NETWORKS * draft.seconds, measured: false } : null;
 }
 
+/** Seconds of one more photo of the same person, on two cores: docs/several-photos.md. */
+const MORE_PHOTO = 2;
+
+/** The time with so many photos more. */
+export function withMorePhotos(one: Expected | null, more: number): Expected | null {
+  return one && more > 0 ? { seconds: one.seconds + MORE_PHOTO * more, measured: false } : one;
+}
+
 /** "about" for what was measured here, "roughly" for what was worked out. */
 export function timeInWords(expected: Expected | null): string {
   if (!expected) return "";

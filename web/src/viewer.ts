@@ -1,13 +1,14 @@
 // Everything that needs three.js; loaded when a head is to be shown.
 
-import { downloaded, request, type Job, type Options } from "./api";
+import { downloaded, request, type Job } from "./api";
 import { byId, bytes, make } from "./dom";
 import { artistsPanel } from "./panel/artists";
-import { correctPanel } from "./panel/correct";
+import { correctPanel, type Again } from "./panel/correct";
 import { downloads } from "./panel/downloads";
 import { expressionPanel } from "./panel/expression";
 import { keeping } from "./panel/keep";
 import { lightOfPhoto, lightPanel } from "./panel/light";
+import { photosPanel } from "./panel/photos";
 import { picturesPanel } from "./panel/pictures";
 import { summary } from "./panel/summary";
 import type { Problem } from "./problem";
@@ -16,15 +17,14 @@ import type { Light } from "./viewer/lighting";
 import type { Manifest } from "./viewer/manifest";
 import { MapStore } from "./viewer/maps";
 import { Motion } from "./viewer/motion";
-import { findPhoto } from "./viewer/photo";
+import { byHash, findPhoto } from "./viewer/photo";
 import { HeadScene } from "./viewer/scene";
 
 export interface Around {
-  /** Address of the photo in this page, "" where the page does not have it. */
-  photoUrl: string;
+  /** The photos in this page; none where the job was taken up by its address. */
+  photos: readonly File[];
   erase: () => void;
-  /** Makes the head again with more options; null where the page does not have the photo. */
-  again: ((options: Options) => void) | null;
+  again: Again;
   gone: (problem: Problem) => void;
 }
 
@@ -37,8 +37,10 @@ export async function openResult(job: Job, around: Around, signal: AbortSignal):
   status.textContent = "Loading the head";
   const manifest = (await (await request(`${job.links.files}/manifest.json`, { signal })).json()) as Manifest;
   const keep = keeping(job, around.erase);
-  const correct = correctPanel(manifest, around.again, signal);
-  panel.append(summary(job, manifest), correct, downloads(job, manifest, around.gone, signal), keep);
+  const mine = await byHash(around.photos);
+  const photos = photosPanel(manifest, mine);
+  const correct = correctPanel(manifest, around.photos.length > 0, around.again, signal);
+  panel.append(summary(job, manifest), ...(photos ? [photos] : []), correct, downloads(job, manifest, around.gone, signal), keep);
 
   const canvas = fresh(byId<HTMLCanvasElement>("canvas"));
   let scene: HeadScene;
@@ -60,7 +62,8 @@ export async function openResult(job: Job, around: Around, signal: AbortSignal):
     const parts = [expressionPanel(scene, motion), lightPanel(scene, canvas, manifest.fit), picturesPanel(scene, signal)];
     keep.before(...parts, artistsPanel(job, manifest, { scene, store }, signal));
     status.textContent = "";
-    const compare = await comparison(scene, job, manifest, around.photoUrl, signal);
+    const photo = around.photos.length > 1 ? mine.get(manifest.input?.sha256 ?? "") : around.photos[0];
+    const compare = await comparison(scene, job, manifest, photo, signal);
     modes(scene, compare, lightOfPhoto(manifest.fit));
     return () => {
       motion.dispose();
@@ -78,12 +81,12 @@ async function comparison(
   scene: HeadScene,
   job: Job,
   manifest: Manifest,
-  photoUrl: string,
+  local: File | undefined,
   signal: AbortSignal,
 ): Promise<Compare | null> {
   if (!manifest.camera) return null;
   const box = scene.boxInPhoto(manifest.camera);
-  const photo = await findPhoto(photoUrl, job.links.files, manifest, signal).catch(() => null);
+  const photo = await findPhoto(local, job.links.files, manifest, signal).catch(() => null);
   signal.throwIfAborted();
   return photo && new Compare(scene, manifest.camera, photo, box);
 }

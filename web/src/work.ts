@@ -28,7 +28,7 @@ export class Work {
   private expected: Expected | null = null;
 
   /** `expected`: the time that was told before the start, shown beside the time that has passed. */
-  start(photoUrl: string, expected: Expected | null): void {
+  start(file: File | undefined, expected: Expected | null): void {
     this.stage = "";
     this.expected = expected;
     this.began = this.stageBegan = performance.now();
@@ -36,9 +36,10 @@ export class Work {
     byId("work-lost").hidden = true;
     const photo = byId<HTMLImageElement>("work-photo");
     photo.hidden = true;
-    if (photoUrl) {
+    if (file) {
       photo.onload = () => (photo.hidden = false);
-      photo.src = photoUrl;
+      URL.revokeObjectURL(photo.src);
+      photo.src = URL.createObjectURL(file);
     }
     this.say("Sending the photo", 0);
     window.clearInterval(this.timer);

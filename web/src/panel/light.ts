@@ -13,7 +13,7 @@ const STEP = 5;
 const LIGHTS: [string, Partial<Light>][] = [
   ["Studio", { azimuth: 35, elevation: 30, strength: 2.1, room: 0.45 }],
   ["Window", { azimuth: -70, elevation: 15, strength: 2.8, room: 0.35 }],
-  ["Rim", { azimuth: 118, elevation: 25, strength: 6, room: 0.45 }],
+  ["Rim", { azimuth: 135, elevation: 10, strength: 6, room: 0.35 }],
 ];
 
 export function lightPanel(scene: HeadScene, canvas: HTMLCanvasElement, fit: Fit | null): HTMLElement {

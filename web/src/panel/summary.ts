@@ -36,7 +36,8 @@ const WARNINGS: Record<string, string> = {
 
 export function summary(job: Job, manifest: Manifest): HTMLElement {
   const section = make("section", { class: "summary", "aria-labelledby": "summary-title" });
-  const title = make("h2", { id: "summary-title" }, headline(manifest.fit?.identity_similarity ?? null, manifest.hair ?? null));
+  const verdicts = [faceInWords(manifest.fit?.identity_similarity ?? null), ...(manifest.hair ? [hairInWords(manifest.hair)] : [])];
+  const title = make("h2", { id: "summary-title" }, ...verdicts.map((text) => make("span", {}, text)));
   section.append(title, make("p", {}, manifest.fit ? sentences(manifest.fit) : "Made from a texture and a mesh."));
   const codes = new Set([...job.warnings, ...(manifest.fit?.warnings ?? []), ...(manifest.warnings ?? []), ...(manifest.hair?.doubts ?? [])]);
   const rows = [...codes].map((code) => make("li", {}, WARNINGS[code] ?? `${words(code)}.`));
@@ -45,17 +46,11 @@ export function summary(job: Job, manifest: Manifest): HTMLElement {
 }
 
 /** Face and hair apart: the network that compares faces sees no hair. */
-function headline(likeness: Likeness | null, hair: Hair | null): string {
+function faceInWords(likeness: Likeness | null): string {
   if (!likeness) return "The head is ready";
-  const face =
-    likeness.distance <= VERY_LIKE
-      ? "very like the photo"
-      : likeness.distance <= SAME_PERSON
-        ? "like the photo"
-        : likeness.distance <= likeness.impostor.distance_p05
-          ? "somewhat like the photo"
-          : "not much like the photo";
-  return `Face: ${face}. ${hair ? hairInWords(hair) : ""}`;
+  if (likeness.distance <= VERY_LIKE) return "Face: very like the photo";
+  if (likeness.distance <= SAME_PERSON) return "Face: like the photo";
+  return likeness.distance <= likeness.impostor.distance_p05 ? "Face: somewhat like the photo" : "Face: not much like the photo";
 }
 
 function hairInWords({ kind, agreement, doubts }: Hair): string {

@@ -56,11 +56,11 @@ export class Compare {
   /** The head's part of the photo, small. */
   private thumbnail(): HTMLCanvasElement {
     const made = make("canvas", { width: 2 * INSET[0], height: 2 * INSET[1] });
-    const [left, top, right, bottom] = around(this.head, INSET[0] / INSET[1]);
+    const [left, top, right, bottom] = within(this.head, this.photo.box, INSET[0] / INSET[1]);
     const [x, y, end] = this.photo.box;
     const { picture } = this.photo;
     const scale = (picture instanceof HTMLImageElement ? picture.naturalWidth : picture.width) / (end - x);
-    const part: [number, number, number, number] = [left - x, top - y, right - left, bottom - top].map((side) => side * scale) as PixelBox;
+    const part = [left - x, top - y, right - left, bottom - top].map((side) => side * scale) as PixelBox;
     made.getContext("2d")!.drawImage(picture, ...part, 0, 0, made.width, made.height);
     return made;
   }
@@ -85,4 +85,13 @@ function around(box: PixelBox, aspect: number): PixelBox {
   const high = Math.max(height, width / aspect) * (1 + 2 * ROOM);
   const [x, y] = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
   return [x - (high * aspect) / 2, y - high / 2, x + (high * aspect) / 2, y + high / 2];
+}
+
+/** The largest box of that width over height in the middle of what two boxes share. */
+function within(one: PixelBox, other: PixelBox, aspect: number): PixelBox {
+  const [left, top] = [Math.max(one[0], other[0]), Math.max(one[1], other[1])];
+  const [right, bottom] = [Math.min(one[2], other[2]), Math.min(one[3], other[3])];
+  const high = Math.min(bottom - top, (right - left) / aspect);
+  const [x, y] = [(left + right - high * aspect) / 2, (top + bottom - high) / 2];
+  return [x, y, x + high * aspect, y + high];
 }

@@ -1,5 +1,7 @@
 // What this page reads of an archive's manifest.json; docs/archive.md and docs/manifest.schema.json have all of it.
 
+import type { Options } from "../api";
+
 export interface MapEntry {
   path: string;
   role: string;
@@ -20,6 +22,14 @@ export interface PhotoCamera {
   principal_point: [number, number];
   rotation: [Triple, Triple, Triple];
   translation: Triple;
+  yaw_pitch_roll_deg: Triple;
+}
+
+export interface UsedPhoto {
+  sha256: string;
+  camera: PhotoCamera;
+  used_for: string[];
+  texture_share: number;
 }
 
 export type Triple = [number, number, number];
@@ -54,7 +64,11 @@ export interface Manifest {
   maps: MapEntry[];
   files: { path: string; role: string; size: number }[];
   displacement: { scale_mm: number; mid: number } | null;
-  options?: { quality?: string };
+  options?: Options;
+  /** The photo that `camera` belongs to, of several the best. */
+  input?: { sha256: string } | null;
+  photos?: UsedPhoto[];
+  left_out?: { sha256: string; message: string }[];
   /** Where preview/overlay.jpg has which part of the photo. */
   overlay?: { crop: Box; panel: Box } | null;
   hair?: Hair | null;

@@ -1,6 +1,7 @@
 // The photo that the head was made from: the one that was handed in, or the panel of it in preview/overlay.jpg.
 
 import { request } from "../api";
+import { hex } from "../dom";
 import type { Manifest } from "./manifest";
 import type { PixelBox } from "./photo_camera";
 
@@ -10,9 +11,18 @@ export interface SourcePhoto {
   box: PixelBox;
 }
 
+/** Files by the hash that the manifest has of them; none over plain HTTP from another machine, where nothing is hashed. */
+export async function byHash(files: readonly File[]): Promise<Map<string, File>> {
+  if (!crypto.subtle) return new Map();
+  const pairs = files.map(async (file): Promise<[string, File]> => {
+    return [hex(new Uint8Array(await crypto.subtle.digest("SHA-256", await file.arrayBuffer()))), file];
+  });
+  return new Map(await Promise.all(pairs));
+}
+
 /** The photo to compare with, or null where there is none. The server erases the photo itself; its preview keeps a part. */
 export async function findPhoto(
-  local: string,
+  local: File | undefined,
   files: string,
   manifest: Manifest,
   signal: AbortSignal,
@@ -20,17 +30,14 @@ export async function findPhoto(
   const { camera, overlay } = manifest;
   if (!camera) return null;
   if (local) {
-    const picture = await loaded(local).catch(() => null); // a format that this browser does not show
+    const picture = await shown(local).catch(() => null); // a format that this browser does not show
     const aspect = picture ? picture.naturalWidth / picture.naturalHeight : 0;
     if (picture && Math.abs(aspect / (camera.width / camera.height) - 1) < 0.01)
       return { picture, box: [0, 0, camera.width, camera.height] };
   }
   if (!overlay) return null;
   const data = await (await request(`${files}/preview/overlay.jpg`, { signal })).blob();
-  const address = URL.createObjectURL(data);
-  return loaded(address)
-    .then((sheet) => panel(sheet, overlay.panel, overlay.crop))
-    .finally(() => URL.revokeObjectURL(address));
+  return panel(await shown(data), overlay.panel, overlay.crop);
 }
 
 /** The panel of the overlay that has the photo. */
@@ -42,9 +49,8 @@ function panel(sheet: HTMLImageElement, [left, top, right, bottom]: PixelBox, cr
   return { picture, box: crop };
 }
 
-async function loaded(address: string): Promise<HTMLImageElement> {
+async function shown(data: Blob): Promise<HTMLImageElement> {
   const image = new Image();
-  image.src = address;
-  await image.decode();
-  return image;
+  image.src = URL.createObjectURL(data);
+  return image.decode().then(() => image).finally(() => URL.revokeObjectURL(image.src));
 }

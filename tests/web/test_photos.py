@@ -1,0 +1,128 @@
+"""Photos of one person: chosen, dropped, taken with the camera, refused; and which was used for what."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.support.browser import PHOTO, Opener, settle
+from tests.web.fake_service import STATIC, Fake, problem, serving
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = pytest.mark.slow
+
+OTHER = STATIC / "sample.jpg"
+
+
+def count(page: Page, photos: int) -> None:
+    page.wait_for_function(f"() => document.querySelectorAll('#thumbs img').length === {photos}")
+
+
+def test_photos_are_gathered_and_taken_away(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address)
+    page.set_input_files("#file", PHOTO)
+    count(page, 1)
+    page.set_input_files("#file", [OTHER, PHOTO])
+    count(page, 2)
+    assert page.inner_text("#photo-name") == "2 photos of one person"
+    page.get_by_role("button", name=f"Take {PHOTO.name} away").click()
+    count(page, 1)
+    page.evaluate(
+        """async () => {
+            const data = new DataTransfer();
+            const file = await (await fetch('gallery/photo.jpg')).blob();
+            data.items.add(new File([file], 'dropped.jpg'));
+            document.body.dispatchEvent(new DragEvent('drop', {dataTransfer: data, bubbles: true}));
+        }"""
+    )
+    count(page, 2)
+    page.click("#go")
+    page.wait_for_url("**/#avatar=*")
+    assert fake.photos == [[OTHER.read_bytes(), (STATIC / "gallery/photo.jpg").read_bytes()]]
+
+
+def test_files_that_are_no_photos_are_named_when_they_are_chosen(fake: Fake, open_page: Opener, tmp_path: Path) -> None:
+    (tmp_path / "bad.jpg").write_text("not a photo")
+    (tmp_path / "phone.heic").write_bytes(b"\0\0\0\x18ftypheic" + bytes(40))
+    page = open_page(fake.address)
+    page.wait_for_selector("#quality:not([hidden])")
+    page.set_input_files("#file", [tmp_path / "bad.jpg", PHOTO, tmp_path / "phone.heic"])
+    page.wait_for_selector("#fault:has-text('bad.jpg is not a photo')")
+    assert "phone.heic is HEIC, which this server does not read" in page.inner_text("#fault")
+    assert page.get_attribute("#file", "accept") == "image/jpeg,image/png,image/webp"
+    count(page, 1)
+    page.set_input_files("#file", OTHER)
+    count(page, 2)
+    assert page.is_hidden("#fault") and not fake.photos
+
+
+def test_of_several_photos_the_one_that_is_refused_is_named(fake: Fake, open_page: Opener) -> None:
+    fake.error = problem("strangers", 422, "Another person", "photo 2 of 2: it shows another person", photo=1)
+    page = open_page(fake.address)
+    page.set_input_files("#file", [PHOTO, OTHER])
+    page.click("#go")
+    page.wait_for_selector("#fault:has-text('sample.jpg: it shows another person')")
+    assert page.locator("#thumbs .bad img").get_attribute("alt") == OTHER.name
+
+
+@pytest.fixture
+def two_photos(archive: Path, tmp_path: Path) -> Path:
+    """The archive as if another photo had been given before its own, and a third were of no use."""
+    with zipfile.ZipFile(archive) as source, zipfile.ZipFile(tmp_path / "two.zip", "w") as target:
+        for name in source.namelist():
+            with source.open(name) as old, target.open(name, "w") as new:
+                if name != "manifest.json":
+                    shutil.copyfileobj(old, new)
+                    continue
+                manifest: dict[str, Any] = json.load(old)
+                (first,) = manifest["photos"]
+                camera = {**first["camera"], "yaw_pitch_roll_deg": [34.0, 0, 0]}
+                other = {**first, "sha256": hashlib.sha256(OTHER.read_bytes()).hexdigest(), "camera": camera}
+                first["texture_share"], other["texture_share"], other["used_for"] = 0.6, 0.4, ["shape", "texture"]
+                unused = {"sha256": "0" * 64, "code": "no-face", "message": "no face was found"}
+                manifest |= {"photos": [first, other], "left_out": [unused]}
+                new.write(json.dumps(manifest).encode())
+    return tmp_path / "two.zip"
+
+
+def test_which_photo_was_used_for_what(two_photos: Path, open_page: Opener) -> None:
+    with serving(two_photos, step_s=0.05) as fake:
+        page = open_page(fake.address)
+        page.set_input_files("#file", [OTHER, PHOTO])
+        page.click("#go")
+        page.wait_for_selector("#inset:not([hidden])")
+        settle(page)
+        rows = page.locator("#photos li").all_inner_texts()
+        pictures = page.eval_on_selector_all("#photos img", "images => images.map((image) => image.alt)")
+        compared = page.evaluate("document.getElementById('compare-photo').naturalHeight")
+    assert [" ".join(row.split()) for row in rows] == [
+        "From the front astronaut.png: shape, 60 % of the texture; expression, eyes and hair",
+        "Turned 34° to the left sample.jpg: shape, 40 % of the texture",
+        "Not used no face was found",
+    ]
+    assert pictures == [PHOTO.name, OTHER.name], "found by their hashes, not by their order"
+    assert compared == 512, "the head is compared with the photo that its camera belongs to"
+
+
+def test_the_guide_at_the_camera_takes_three_pictures(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address)
+    page.click("#guide-open")
+    page.wait_for_selector("#guide[open]")
+    page.click("#guide-start")
+    for title in ("Look straight ahead", "Turn left", "Turn right"):
+        page.wait_for_selector(f"#guide-title:has-text('{title}')")
+    count(page, 3)
+    assert page.is_hidden("#guide")
+    assert page.evaluate("document.getElementById('guide-video').srcObject") is None, "the camera is off"
+    page.click("#guide-open")
+    page.click("#guide-close")
+    page.wait_for_selector("#guide", state="hidden")
+    count(page, 3)
