@@ -199,7 +199,7 @@ class Zones:
         skin: bool, texel of the part "skin".
         face: the face proper, where hair and make-up are part of the likeness.
         scalp: where hair is expected.
-        neck: below the jaw.
+        beside: neck and ears, in whose places collars, hair and walls are seen.
         mouth: the inside of the mouth.
         hidden: inside of the mouth and of the eye sockets.
     """
@@ -207,7 +207,7 @@ class Zones:
     skin: Bool
     face: Float32
     scalp: Float32
-    neck: Float32
+    beside: Float32
     mouth: Float32
     hidden: Float32
 
@@ -218,7 +218,7 @@ class Zones:
         rows = [
             vertex_mask(head, "face"),
             vertex_mask(head, "scalp"),
-            vertex_mask(head, "neck"),
+            vertex_mask(head, "neck", "ear_left", "ear_right"),
             vertex_mask(head, "mouth_inner"),
             vertex_mask(head, "mouth_inner", "eye_socket"),
         ]
@@ -303,8 +303,8 @@ SURFACE = (SKIN, BROW, BEARD, LIP)
 """Parts that lie on the skin: all of them are seen, and belong to the albedo."""
 
 
-SURE_NECK = 0.9
-"""Least probability of skin or beard at which the neck is taken from the photo."""
+SURE = 0.9
+"""Least probability of skin or beard at which neck and ears are taken from the photo."""
 
 COVERED = 0.2
 """Share of the face from which on a hat, a mask or a hand before it is worth a warning."""
@@ -345,9 +345,16 @@ def segment(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) ->
     lit = np.asarray(smooth * (1 - smoothstep(1 - parts[:, list(SURFACE)].sum(1), *RAMP)), np.float32)
     face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25) & (lit > 0.5)
     colour = np.median(unwrapped.colour[face], 0).astype(np.float32) if face.any() else None
-    doubt = zones.neck * (parts[:, [SKIN, BEARD]].sum(1) < SURE_NECK)  # collars take the neck's shape
+    # Collars take the neck's shape and shade it; of an ear the fit is off by as much as it is wide.
+    doubt = zones.beside * grown(chart, np.asarray(parts[:, [SKIN, BEARD]].sum(1) < SURE, np.float32))
     seen = opacity(unwrapped.weight) * (1 - zones.hidden) * (1 - doubt)
     return Segmentation(np.asarray(seen, np.float32), lit, colour, face)
+
+
+def wears_glasses(parts: Float32, weight: Float32, zones: Zones) -> bool:
+    """Whether the photo shows glasses; see :func:`worn_before`."""
+    face = parts[(weight > 0.25) & (zones.face > 0.5) & zones.skin, GLASSES]
+    return bool(len(face)) and bool((face > FRAME[0]).mean() > FRAME[1])
 
 
 def worn_before(parts: Float32, weight: Float32, zones: Zones) -> tuple[str, ...]:
@@ -362,7 +369,7 @@ def worn_before(parts: Float32, weight: Float32, zones: Zones) -> tuple[str, ...
     if not len(face):
         return ()
     worn = {
-        "glasses-removed": (face[:, GLASSES] > FRAME[0]).mean() > FRAME[1],
+        "glasses-removed": wears_glasses(parts, weight, zones),
         "face-covered": (smoothstep(face[:, [HAT, CLOTH, OTHER]].sum(1), *RAMP) > 0.5).mean() > COVERED,
     }
     return tuple(name for name, true in worn.items() if true)

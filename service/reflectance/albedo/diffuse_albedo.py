@@ -31,6 +31,7 @@ from service.reflectance.albedo.light_corrections import (
     corrected,
 )
 from service.reflectance.albedo.several_lights import agreed_light, photo_planes
+from service.reflectance.albedo.unlike_skin import UNLIKE_SKIN
 from service.reflectance.planes import Planes
 from service.reflectance.translate import MapInputs, translate
 from service.runtime.network_registry import CONTEXT, EYES, INPAINTED, LIDS, LIT, PARTS, SHOWN, TEXTURE, networks_of
@@ -38,7 +39,7 @@ from service.runtime.networks import Engine, Network, describe_network, open_net
 from service.runtime.tiles import run_whole
 from service.texture.texture import PhotoTexture
 
-ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST)
+ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST, UNLIKE_SKIN)
 """Corrections of the light where the photo shows skin in it, in order."""
 
 EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN,)

@@ -205,6 +205,9 @@ BEARD_END = 8.0
 """Standard deviation of the blur over which a beard fades beyond what is seen of it, texels of the context: 14 mm. How
 far it goes on is for the prior to tell."""
 
+BEARDED = 0.45
+"""Share of the chart's height below which a beard may go on: below the eyes. Brows do not go on."""
+
 SHADED = 0.3
 """Quantile of the light on lit skin below which no continued light falls; chosen on photos with caps and fringes."""
 
@@ -302,7 +305,8 @@ def as_seen_skin(
     seen = np.asarray(colour - (lit * found + (1 - lit) * light), np.float32)
     usual = np.zeros_like(seen) if prior is None else prior.complete(seen, shown)
     skin = continued(seen - usual, lit)
-    wanted = usual + skin + _nearby((shown - lit) * (seen - usual - skin), shown)
+    beard = (shown - lit) * (np.arange(lit.shape[0]) > BEARDED * lit.shape[0])[:, None]
+    wanted = usual + skin + _nearby(beard * (seen - usual - skin), shown)
     plain = _blurred(colour * inpainted, GRAIN) / np.maximum(blurred(inpainted, GRAIN), np.float32(1e-6))
     share = np.minimum(blurred(inpainted, 2.0), inpainted)
     return np.asarray(light + share * (plain - wanted - light), np.float32)

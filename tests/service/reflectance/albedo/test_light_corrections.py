@@ -191,11 +191,11 @@ def test_a_beard_that_ends_where_the_photo_does_goes_on() -> None:
     """A beard tells no light and is no lit skin: filled from lit skin alone, the chin below it came out bare."""
     texture, light, lit = _half_seen(-0.3)
     beard = np.zeros(CONTEXT_SHAPE, np.float32)
-    beard[30:60, 40:72] = 1  # up to the border of what is seen
+    beard[50:80, 40:72] = 1  # below the eyes, up to the border of what is seen
     bearded = texture * np.exp(-1.5 * beard)
     skin = lit * (1 - beard)
     goes_on = continued(light, skin)
-    beyond = (slice(None), slice(40, 50), slice(74, 78))
+    beyond = (slice(None), slice(60, 70), slice(74, 78))
     darker = {}
     for name, shown in (("heeded", lit), ("not heeded", skin)):
         made = as_seen_skin(goes_on, bearded, light, skin, 1 - lit, shown)
@@ -203,6 +203,17 @@ def test_a_beard_that_ends_where_the_photo_does_goes_on() -> None:
         far = np.log(bearded * np.exp(-made) / ALBEDO)[:, :10, 84:]
         assert np.abs(far).max() < 0.2, "bare skin far from the beard stays bare"
     assert darker["heeded"] < -0.7 and abs(darker["not heeded"]) < 0.1
+
+
+def test_a_brow_does_not_go_on() -> None:
+    """The forehead above it that a cap hides came out as dark as the brow in the cap's shade."""
+    texture, light, lit = _half_seen(-0.3)
+    brow = np.zeros(CONTEXT_SHAPE, np.float32)
+    brow[26:34, 40:72] = 1
+    skin = lit * (1 - brow)
+    made = as_seen_skin(continued(light, skin), texture * np.exp(-1.5 * brow), light, skin, 1 - lit, lit)
+    beyond = np.log(texture * np.exp(-made) / ALBEDO)[:, 26:34, 74:90]
+    assert np.abs(beyond).max() < 0.15
 
 
 def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:

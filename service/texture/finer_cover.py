@@ -1,0 +1,117 @@
+"""What hides skin and is finer than the cells of the reader, or beside what it made out: strands of hair, rims.
+
+The reader's parts are probabilities of cells of two millimetres, and what is thinner has little of them. So where it
+makes out hair, each texel near that is asked whether its colour is that of the hair beside it or that of the skin; what
+is found counts as hair for the next round: a lock is followed to its tip. Where glasses are worn, and the reader
+suspects them, lines no wider than a rim are rims.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from service.arrays import Bool, Float32
+from service.colour import LUMA, srgb_to_linear
+from service.face.reading.part_labels import BROW, GLASSES, HAIR, IRIS, LIP, MOUTH, SCLERA, SKIN
+from service.geometry.chart import Chart
+from service.image_filters import blurred
+from service.robust import smoothstep
+from service.texture.unwrap import Unwrapped, Zones, wears_glasses
+
+DARKEST = 2e-3
+"""Linear value at which logarithms stop."""
+OWN_FEATURES = (0.1, 0.3)
+"""Probability of brows, lips, eyes and mouth up to which lines count, and from which on they are features."""
+SURE_HAIR, SURE_SKIN, NO_HAIR = 0.6, 0.9, 0.03
+"""Least probability of what tells the colour of hair and of skin, and the most of hair on such skin."""
+NEAR = 0.03
+"""How far hair is followed in a round, over the chart's width: 13 mm."""
+AROUND = 0.035
+"""Standard deviation of what counts as beside a texel: 15 mm. Light varies over a head."""
+FOLLOWED = 3
+"""Rounds."""
+LIKELIER = 1.5
+"""Log odds of hair from which on a texel is hair."""
+LEAST_SPREAD = 0.04
+"""Least standard deviation of colours, natural logarithm."""
+LEAST_NEAR = 0.003
+"""Least share of hair, and of skin, beside a texel that is asked."""
+RIM = 0.0035
+"""Half the width of the widest rim, over the chart's width: 1.5 mm."""
+CONTRAST = (0.10, 0.25)
+"""Contrast of a line, natural logarithm of luminance, from which on it is a rim, and from which on surely."""
+SUSPECTED = (0.04, 0.12)
+"""Probability of glasses from which on lines are rims, and from which on surely."""
+
+
+def finer_cover(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) -> Float32:
+    """(N,) float32 in [0, 1], 1 where a strand or a rim hides skin.
+
+    Args:
+        chart: of the head.
+        unwrapped: the photo on its inner texels.
+        parts: (N, 13) as ``service.texture.unwrap.parts_at`` gives them.
+        zones: of the same texels.
+    """
+    seen = unwrapped.weight > 0
+    colour = np.log(np.maximum(srgb_to_linear(unwrapped.colour), np.float32(DARKEST)))
+    features = 1 - smoothstep(parts[:, [BROW, LIP, IRIS, SCLERA, MOUTH]].sum(1), *OWN_FEATURES)
+    free = chart.spread((features * zones.skin * seen)[:, None].astype(np.float32))[..., 0]
+    found = _followed(chart, colour, unwrapped.weight, parts, zones)
+    if wears_glasses(parts, unwrapped.weight, zones):
+        suspected = smoothstep(chart.spread(parts[:, [GLASSES]])[..., 0], *SUSPECTED)
+        found = np.maximum(found, suspected * _lines(chart, colour @ LUMA, seen))
+    return np.asarray((found * free).ravel()[chart.texels], np.float32)
+
+
+def _followed(chart: Chart, colour: Float32, weight: Float32, parts: Float32, zones: Zones) -> Float32:
+    """(h, w) 1 on hair that goes on beyond what was read, 0 elsewhere and where no hair or no skin is seen."""
+    opponents = np.stack([colour @ LUMA, colour[:, 0] - colour[:, 1], colour[:, 2] - colour[:, 1]], 1)
+    seen = (weight > 0).astype(np.float32)
+    shown = chart.spread(np.concatenate([opponents * seen[:, None], seen[:, None]], 1).astype(np.float32))
+    soft = np.stack([blurred(shown[..., k], 1.0) for k in range(4)], -1)
+    values = soft[..., :3] / np.maximum(soft[..., 3:], np.float32(1e-3))
+
+    def mask(chosen: Bool) -> Float32:
+        return np.asarray(chart.spread(chosen[:, None].astype(np.float32))[..., 0], np.float32)
+
+    hair = mask((parts[:, HAIR] > SURE_HAIR) & (weight > 0))
+    skin = mask((parts[:, SKIN] > SURE_SKIN) & (parts[:, HAIR] < NO_HAIR) & (weight > 0) & zones.skin)
+    reach = max(round(NEAR * chart.width), 1)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
+    found = np.zeros_like(hair)
+    for _ in range(FOLLOWED):
+        known = np.maximum(hair, found)
+        beside = np.asarray(cv2.dilate(known, disc)) > 0.5
+        like_hair, of_hair = _likeness(values, known, AROUND * chart.width)
+        like_skin, of_skin = _likeness(values, skin * ~beside, AROUND * chart.width)
+        asked = beside & (of_hair > LEAST_NEAR) & (of_skin > LEAST_NEAR) & (shown[..., 3] > 0)
+        likelier = np.asarray(asked & (like_hair - like_skin > LIKELIER), np.uint8)
+        found = np.asarray(cv2.morphologyEx(likelier, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)), np.float32)
+    return found
+
+
+def _likeness(values: Float32, chosen: Float32, sigma: float) -> tuple[Float32, Float32]:
+    """(h, w) log likelihood of values (h, w, 3) among the chosen ones near by, and (h, w) the share of those."""
+    share = blurred(chosen, sigma)
+    mean = (
+        np.stack([blurred(values[..., k] * chosen, sigma) for k in range(3)], -1) / np.maximum(share, 1e-4)[..., None]
+    )
+    off = values - mean
+    own = off[chosen > 0.5]
+    spread = np.maximum(np.sqrt(np.square(own).mean(0)), LEAST_SPREAD) if len(own) else np.ones(3)
+    return np.asarray(-0.5 * np.square(off / spread).sum(-1) - np.log(spread).sum(), np.float32), share
+
+
+def _lines(chart: Chart, bright: Float32, seen: Bool) -> Float32:
+    """(h, w) in [0, 1], 1 on lines that are darker or paler than both sides, and a texel beside them."""
+    planes = chart.spread(np.stack([bright * seen, seen], 1).astype(np.float32))
+    near = [blurred(planes[..., k], 4.0) for k in (0, 1)]
+    there = planes[..., 1]
+    image = np.asarray(planes[..., 0] + (1 - there) * near[0] / np.maximum(near[1], np.float32(1e-3)), np.float32)
+    reach = max(round(RIM * chart.width), 1)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
+    closed, opened = (cv2.morphologyEx(image, how, disc) for how in (cv2.MORPH_CLOSE, cv2.MORPH_OPEN))
+    line = smoothstep(np.maximum(np.asarray(closed) - image, image - np.asarray(opened)), *CONTRAST)
+    return np.asarray(cv2.dilate(np.asarray(line, np.float32), np.ones((3, 3), np.uint8)), np.float32)

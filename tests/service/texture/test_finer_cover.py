@@ -1,0 +1,73 @@
+"""Strands and rims that are finer than the cells of the reader."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from service.arrays import Float32
+from service.face.reading.part_labels import BROW, GLASSES, HAIR, PARTS, SKIN
+from service.geometry.chart import Chart
+from service.head.files import load_head
+from service.texture.finer_cover import finer_cover
+from service.texture.unwrap import Unwrapped, Zones
+
+HEAD = load_head()
+CHART = Chart.build(HEAD, 576, 384)
+ZONES = Zones.of(CHART)
+COUNT = len(CHART.texels)
+ROW, COLUMN = np.divmod(CHART.texels, CHART.width)
+TONE, HAIR_TONE = np.array([0.8, 0.62, 0.54], np.float32), np.array([0.75, 0.6, 0.35], np.float32)
+LOCK = (np.abs(COLUMN - 210) < 4) & (ROW > 80) & (ROW < 165)
+"""Texels of a lock that hangs down from the temple over the cheek."""
+READ = ROW < 110
+"""Where hair was read."""
+
+
+def seen(colour: Float32) -> Unwrapped:
+    """All is seen squarely."""
+    noise = np.random.default_rng(0).normal(0, 0.01, colour.shape).astype(np.float32)
+    shown = np.ones(COUNT, np.float32)
+    return Unwrapped(
+        colour + noise, shown, shown > 0, np.zeros((COUNT, 3), np.float32), np.zeros((COUNT, 3), np.float32)
+    )
+
+
+def parts(**shares: Float32) -> Float32:
+    """Skin but for what is named."""
+    found = np.zeros((COUNT, len(PARTS)), np.float32)
+    for number, share in shares.items():
+        found[:, int(number[1:])] = share
+    found[:, SKIN] = 1 - found.sum(1)
+    return found
+
+
+def test_a_lock_is_followed_beyond_what_was_read() -> None:
+    hairy = (ROW < 60) | (LOCK & READ)
+    colour = np.where((hairy | LOCK)[:, None], HAIR_TONE, TONE).astype(np.float32)
+    cover = finer_cover(CHART, seen(colour), parts(**{f"p{HAIR}": 0.95 * hairy}), ZONES)
+    own = ZONES.skin & (ZONES.hidden < 0.1)
+    assert cover[LOCK & own & (ROW > 112) & (ROW < 160)].mean() > 0.8
+    cheek = own & (np.abs(COLUMN - 230) < 8) & (ROW > 120) & (ROW < 160)
+    assert cover[cheek].mean() < 0.02
+
+
+def test_skin_in_shade_is_no_hair() -> None:
+    """It has the skin's hue, hair has not."""
+    hairy = ROW < 60
+    shade = (ROW >= 60) & (ROW < 90) & (COLUMN < 288)
+    colour = np.where(hairy[:, None], HAIR_TONE, TONE * np.where(shade, 0.85, 1.0)[:, None]).astype(np.float32)
+    cover = finer_cover(CHART, seen(colour), parts(**{f"p{HAIR}": 0.95 * hairy}), ZONES)
+    assert cover[shade & ZONES.skin & (ROW > 64)].mean() < 0.1
+
+
+def test_rims_are_found_where_glasses_are_worn() -> None:
+    rim = (np.abs(ROW - 172) < 2) & (np.abs(COLUMN - 288) < 80)
+    around = (np.abs(ROW - 165) < 25) & (np.abs(COLUMN - 288) < 90)
+    colour = np.where(rim[:, None], 0.4 * TONE, TONE).astype(np.float32)
+    worn = finer_cover(CHART, seen(colour), parts(**{f"p{GLASSES}": 0.15 * around}), ZONES)
+    own = ZONES.skin & (ZONES.hidden < 0.1)
+    assert worn[rim & own].mean() > 0.9
+    assert worn[own & ~rim & (np.abs(ROW - 172) > 6)].mean() < 0.01
+    assert finer_cover(CHART, seen(colour), parts(), ZONES).max() == 0  # a line on the skin
+    brow = parts(**{f"p{GLASSES}": 0.15 * around, f"p{BROW}": 0.6 * rim})
+    assert finer_cover(CHART, seen(colour), brow, ZONES)[rim].max() == 0
