@@ -24,6 +24,8 @@ from service.geometry.mesh import vertex_normals
 Float = npt.NDArray[np.float32]
 
 NO_BEARD = (0.0, 0.0, 0.0, 0.3)
+INTRUDERS = ("hair", "cap", "glasses", "hand", "thing")
+"""What may hide skin: a groom, a knitted cap, glasses, a hand, any flat thing before the picture."""
 GROOMED = 0.93
 """Share of people with hair, of those whom no scarf covers."""
 
@@ -75,7 +77,7 @@ def _pick(s: Stream, names: list[str]) -> str:
 
 def dress(
     seed: int, person: Person, skin: Skin, hair: Float, wardrobe: Items, light_level: float,
-    meshes: tuple[str, ...] = (),
+    meshes: tuple[str, ...] = (), only: str | None = None,
 ) -> Outfit:  # fmt: skip
     """All that the person named ``seed`` has on and before the face.
 
@@ -87,13 +89,22 @@ def dress(
         wardrobe: what there is to wear.
         light_level: radiance of skin in the portrait's light, about.
         meshes: styles of the wardrobe of which one is worn in place of a groom; none for grooms.
+        only: of what hides skin only this one of ``INTRUDERS``, or "nothing"; None: as it comes. With it nobody has a
+            beard.
+
+    Raises:
+        ValueError: ``only`` is none of them.
     """
+    if only not in (None, "nothing", *INTRUDERS):
+        raise ValueError(f"only is {only!r}; it has to be None, 'nothing' or one of {', '.join(INTRUDERS)}")
     s, out = Stream(seed, "dress"), Outfit()
     still, moving = person.neutral - wardrobe.fitted_head, person.vertices - wardrobe.fitted_head
     colour = tuple(float(x) for x in hair)
-    top = _head_wear(s, out, person, wardrobe)
-    out.groomed = top != "all" and s.chance(GROOMED)
-    out.hair_top = top if isinstance(top, float) else None
+    if only is None:
+        top = _head_wear(s, out, person, wardrobe)
+        out.groomed = top != "all" and s.chance(GROOMED)
+        out.hair_top = top if isinstance(top, float) else None
+    out.groomed |= only == "hair"
     if meshes and out.groomed:
         out.groomed = False
         out.meshes += _mesh_hair(s, meshes, person, wardrobe, colour, out.hair_top)
@@ -105,15 +116,24 @@ def dress(
         item = wardrobe.items[_pick(s, wardrobe.names("lash"))]
         out.meshes.append(card(item, "lash", moving, labels.SKIN, shadows=False, true=False,
                                uniforms={"colour": (0.01, 0.008, 0.007)}))  # fmt: skip
-    _beard(s, out, person, skin, colour)
+    if only is None:
+        _beard(s, out, person, skin, colour)
     if s.chance(0.85):
         item = wardrobe.items[_pick(s, wardrobe.names("cloth"))]
         tint = tuple(float(x) for x in np.exp(s.normal(0.0, 0.5, 3)))
         plain = tuple(float(x) for x in s.uniform(0.02, 0.8, 3) ** 1.5)
         out.meshes.append(card(item, "cloth", still, labels.CLOTH, shadows=False,
                                uniforms={"tone": (*tint, float(s.chance(0.6))), "colour": plain}))  # fmt: skip
-    if s.chance(0.25):
+    if only == "cap":
+        out.meshes.append(cap(s, person.neutral)[0])
+    if only == "glasses" or (only is None and s.chance(0.25)):
         out.meshes += glasses(seed, person.vertices, light_level)
+    if only == "hand":
+        out.meshes.append(hand(seed, wardrobe, neck_colour(skin, person)))
+    if only == "thing":
+        out.screens.append(screen(seed))
+    if only is not None:
+        return out
     if s.chance(0.08):
         out.meshes += mask(s, person.vertices)
     if s.chance(0.10):

@@ -78,8 +78,9 @@ class Portrait:
 
 
 def portrait(
-    seed: int, size: int = 256, folder: Path | None = None, framing: str = "face", meshes: tuple[str, ...] = ()
-) -> Portrait:
+    seed: int, size: int = 256, folder: Path | None = None, framing: str = "face", meshes: tuple[str, ...] = (),
+    only: str | None = None,
+) -> Portrait:  # fmt: skip
     """The portrait named ``seed``, the same every time on the same machine.
 
     Args:
@@ -88,6 +89,7 @@ def portrait(
         folder: where skins are kept (``models.people.skins``).
         framing: key of ``models.people.pose.FRAMINGS``.
         meshes: hair of the wardrobe, by name, of which one is worn in place of a groom: another maker's, for tests.
+        only: of what hides skin only this one (``models.people.dress.INTRUDERS``), or "nothing"; None: as it comes.
 
     Raises:
         ModelFault: there is no OpenGL through EGL, or the wardrobe is missing.
@@ -100,9 +102,9 @@ def portrait(
     head = the_head()
     vertices = recessed(person)
     camera = draw_camera(seed, size, landmarks(head, vertices), FRAMINGS[framing])
-    worn = None if meshes else wear_groom(seed, person)
+    worn = wear_groom(seed, person) if not meshes and only in (None, "hair") else None
     hair = hair_colour(person, skin) if worn is None else worn.mean
-    outfit = dress(seed, person, skin, hair, wardrobe, light.level(), meshes)
+    outfit = dress(seed, person, skin, hair, wardrobe, light.level(), meshes, only)
     worn = worn if outfit.groomed else None
     roots = None if worn is None else covered(worn.groom, head.mean)
     scene = [*figure(person, skin, hair, wardrobe, seed, roots), *outfit.meshes]
