@@ -97,9 +97,7 @@ def _photos(asked: argparse.Namespace) -> list[Path]:
     return [SAMPLE, *found][:4]
 
 
-def run(
-    folder: Path, count: int, kills: int, pause: float, real: list[Path] | None, alone: Path
-) -> dict[str, Any]:
+def run(folder: Path, count: int, kills: int, pause: float, real: list[Path] | None, alone: Path) -> dict[str, Any]:
     """One batch with its faults; what was found.
 
     Args:

@@ -62,6 +62,13 @@ class AvatarError(Exception):
         return _rebuild, (type(self), self.message, self.extra)
 
 
+def as_facts(error: BaseException) -> dict[str, Any]:
+    """What a process says of its fault: ``code``, ``message``, ``status`` of HTTP, and what else machines may know."""
+    if isinstance(error, AvatarError):
+        return {**error.described(), "status": error.http_status}
+    return {"code": "internal", "message": f"{type(error).__name__}: {error}", "status": 500}
+
+
 def _rebuild(kind: type[AvatarError], message: str, extra: dict[str, Any]) -> AvatarError:
     return kind(message, **extra)
 

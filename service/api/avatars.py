@@ -134,6 +134,7 @@ HEARTBEAT = 15.0
 
 _EVENT_HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
 
+
 @router.get(
     "/{job}/events",
     operation_id="follow_avatar",

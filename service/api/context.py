@@ -130,7 +130,8 @@ class Context:
 
     def __init__(self, settings: Settings) -> None:
         settings.data.mkdir(parents=True, exist_ok=True, mode=0o700)
-        settings.incoming.mkdir(parents=True, exist_ok=True, mode=0o700)
+        shutil.rmtree(settings.incoming, ignore_errors=True)  # what another process was receiving when it died
+        settings.incoming.mkdir(parents=True, mode=0o700)
         self.settings = settings
         self.limits = Limits()
         self.keys = Keys(settings.keys)

@@ -185,9 +185,7 @@ def routes(kind: Kind, schema: type[BaseModel], what: str, headers: Callable[[Ro
     address = f"/{{{kind.name}}}"
     job_id = Path(alias=kind.name)
 
-    @router.get(
-        address, response_model=schema, operation_id=f"get_{kind.name}", summary=f"State of a {what}'s job."
-    )
+    @router.get(address, response_model=schema, operation_id=f"get_{kind.name}", summary=f"State of a {what}'s job.")
     def state(tenant: Asking, context: Here, job: str = job_id) -> Response:
         """Whether it is there, and where."""
         return Json(job_json(context.job(job, tenant, kind.name)))
@@ -202,9 +200,7 @@ def routes(kind: Kind, schema: type[BaseModel], what: str, headers: Callable[[Ro
         extent = Extent(row["archive"], 0, row["archive_bytes"], f'"{row["archive_sha256"]}"', kind.file)
         return answer_with(request, context, extent, headers(row))
 
-    @router.delete(
-        address, status_code=204, operation_id=f"delete_{kind.name}", summary=f"Cancel or erase a {what}."
-    )
+    @router.delete(address, status_code=204, operation_id=f"delete_{kind.name}", summary=f"Cancel or erase a {what}.")
     def delete(tenant: Asking, context: Here, job: str = job_id) -> Response:
         """As for an avatar."""
         erase(context, job, tenant, kind.name)

@@ -250,9 +250,7 @@ class Multipart(Body):
             self.upload.sizes.append(0)
             self.most = self.upload.max_bytes * (MOST_TOGETHER if name == "video" else 1)
         if not known:
-            self._later(
-                ProblemError("unknown-field", 422, f"there is no part {name[:40]!r}", pointer=f"/{name[:40]}")
-            )
+            self._later(ProblemError("unknown-field", 422, f"there is no part {name[:40]!r}", pointer=f"/{name[:40]}"))
         self._names.append(name)
 
     def _later(self, fault: ProblemError | AvatarError) -> None:

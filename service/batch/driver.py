@@ -187,7 +187,7 @@ class Engine:
         if self._maker is not None:
             photos = work / "photos"
             self._shards = Shards(self._rounds, self._maker, photos, self._stopping, self._give_up, recorded=True)
-            launch(settings, self._shards.workflows(wanted.jobs, poll_s=POLL_S / 10))
+            launch(settings, self._shards.workflows(wanted.jobs, look_s=POLL_S / 10))
 
     def make(self, name: str, out: Place, counts: list[int], display: Display) -> None:
         """Have a round computed, and wait for its end."""

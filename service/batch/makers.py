@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from service.batch.groups import GROUP
 from service.client.client import Client, Job, canonical, idempotency_key
+from service.client.download import file_sha256
 from service.client.errors import (
     AccessDenied,
     ClientError,
@@ -29,11 +30,8 @@ from service.jobs.process import Ending, JobProcess, Task
 from service.jobs.settings import Settings
 from service.photo.bundle import unbundled
 
-_OF_PROBLEMS = ("type", "title", "status", "detail")
-"""Members of a problem object that a report does not repeat."""
-
 LOG = "log"
-"""Name of the file in the scratch folder that gets standard error of the process that makes a photo."""
+"""Name of the file in the scratch folder for standard error of the process that makes a photo."""
 
 TAIL = 2000
 """Bytes of the last words of a process that crashed, in the report."""
@@ -119,7 +117,7 @@ class LocalMaker:
             artifacts="", output=str(order.target.absolute()), scratch=str(scratch.absolute()),
         )  # fmt: skip
         started = threading.Event()
-        process = JobProcess(self._settings)
+        process = JobProcess(self._settings, scratch / LOG)
         ending = process.run(task, lambda message: started.set() if "ready" in message else None, stop)
         if ending.kind == "stopped":
             raise Stopped
@@ -127,6 +125,9 @@ class LocalMaker:
             raise Hopeless(Crashed("the process that makes a photo cannot start; 'avatarme doctor' may say why"))
         if ending.kind != "done":
             raise self._fault(ending, scratch)
+        stated = ending.facts.get("sha256")
+        if stated is not None and stated != file_sha256(order.target):
+            raise Crashed("the archive on the disk is not what was written")
         return [str(code) for code in ending.facts.get("warnings", [])]
 
     def close(self) -> None:
@@ -156,10 +157,10 @@ class Reported(AvatarError):
 
     @classmethod
     def of(cls, facts: Mapping[str, Any]) -> Reported:
-        """From the process's own words: ``code``, ``message`` or ``detail``, and whatever else it told."""
-        extra = {name: value for name, value in facts.items() if name not in ("code", "message", *_OF_PROBLEMS)}
-        fault = cls(str(facts.get("message") or facts.get("detail", "the process failed without words")), **extra)
-        fault.reported_code = str(facts.get("code", "internal"))
+        """From the process's own words, as of ``service.errors.as_facts``."""
+        extra = {name: value for name, value in facts.items() if name not in ("code", "message", "status")}
+        fault = cls(str(facts["message"]), **extra)
+        fault.reported_code = str(facts["code"])
         return fault
 
 

@@ -34,7 +34,7 @@ from service.jobs.database import FAULTS, SHARDS, patient
 from service.jobs.places import Place, StoreFault, place
 from service.jobs.process import Glance
 from service.jobs.queue import Queue
-from service.jobs.workflow import POLL, RECOVERIES, Workflows
+from service.jobs.workflow import RECOVERIES, Workflows
 
 log = logging.getLogger(__name__)
 
@@ -171,12 +171,12 @@ class Shards:
         self._recorded = recorded
         self.running: set[tuple[str, int]] = set()
 
-    def workflows(self, most: int, poll_s: float = POLL) -> Workflows:
+    def workflows(self, most: int, look_s: float) -> Workflows:
         """What DBOS is to know: the workflow, and the limits of its queue.
 
         Args:
             most: shards that this process takes at a time.
-            poll_s: seconds between two looks into the queue.
+            look_s: seconds between two looks into the queue.
         """
 
         def register() -> None:
@@ -188,7 +188,7 @@ class Shards:
             def shard(out: str, name: str, number: int) -> str:
                 return photos(out, name, number)
 
-        return Workflows(register, {QUEUE: {"worker_concurrency": most, "polling_interval_sec": poll_s}})
+        return Workflows(register, {QUEUE: {"worker_concurrency": most, "polling_interval_sec": look_s}})
 
     def run(self, out: str, name: str, number: int) -> str:
         """Make what is not made yet of a shard: "made", "called off", or "stopped" where this process ends.

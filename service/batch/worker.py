@@ -18,7 +18,7 @@ def batches(worker: Worker) -> Sequence[Workflows]:
     maker = LocalMaker(dataclasses.replace(settings, program=settings.batch_program))
     rounds, scratch = Rounds(worker.engine), runner.scratch / "batches"
     shards = Shards(rounds, maker, scratch, runner.stopping, lambda error: worker.quit(error.message), recorded=False)
-    return [shards.workflows(settings.batches)]
+    return [shards.workflows(settings.batches, settings.look_seconds)]
 
 
 if __name__ == "__main__":

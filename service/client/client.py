@@ -41,9 +41,6 @@ STATES: tuple[State, ...] = ("queued", "running", "succeeded", "failed", "cancel
 _SILENCE_S = 45.0
 """The server sends a heartbeat every 15 s; three missed ones mean that the connection is dead."""
 
-_CUTS = 4
-"""Streams in a row that broke without a single event; from then on the client asks instead."""
-
 _ASK_EVERY_S = (1.0, 5.0)
 """Pause between questions in seconds: first and longest."""
 
@@ -223,24 +220,20 @@ class Client:
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
         path, time_left = _path(job_id), _countdown(job_id, timeout_s)
-        cuts, before, (pause, longest) = 0, None, _ASK_EVERY_S
+        streams, before, (pause, longest) = True, None, _ASK_EVERY_S
         while True:
-            if cuts < _CUTS:
-                cuts += 1
-                try:
+            if streams:
+                streams = False  # one that brings nothing is the last; from then on the client asks
+                with contextlib.suppress(httpx.TransportError):
                     for event in self._stream(path, last_event_id, time_left):
-                        cuts, last_event_id = 0, event.id
+                        streams, last_event_id = True, event.id
                         yield event
                         if event.final():
                             return
-                except httpx.TransportError:
-                    pass
-                except _NoStream:
-                    cuts = _CUTS
             time_left()
             job = self.state(job_id)
             now = (job.state, job.stage, job.progress)
-            if job.ended or (cuts == _CUTS and now != before):
+            if job.ended or (not streams and now != before):
                 before = now
                 yield Event("state", job.content, last_event_id)
             if job.ended:
@@ -249,10 +242,9 @@ class Client:
             pause = min(1.5 * pause, longest)
 
     def _stream(self, path: str, last_id: str, time_left: Callable[[], float]) -> Iterator[Event]:
-        """The events of one connection.
+        """The events of one connection; none where there are none to be had.
 
         Raises:
-            _NoStream: there are none to be had here.
             httpx.TransportError: it broke.
         """
         headers = {"Last-Event-ID": last_id} if last_id else {}
@@ -265,9 +257,7 @@ class Client:
                 for event in source.iter_sse():
                     if event.data:
                         yield Event(event.event, _parsed(event.data), event.id or last_id)
-            elif response.is_success or response.status_code in (404, 405, 406, 501):
-                raise _NoStream  # a proxy that lets no stream through; if there is no such job, asking will tell
-            elif response.status_code not in AGAIN:
+            elif response.status_code in (401, 403):
                 raise setback(response).fault
 
     def wait(
@@ -383,10 +373,6 @@ class Client:
         if not isinstance(content, dict):
             raise UnexpectedAnswer(f"{path} answered with {type(content).__name__} instead of an object")
         return content
-
-
-class _NoStream(Exception):
-    """There are no events to be had here; never leaves this module."""
 
 
 class _Watched(httpx.SyncByteStream):

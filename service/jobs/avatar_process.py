@@ -1,4 +1,4 @@
-"""The program that computes one job: the pipeline, with finished stages kept on disk."""
+"""The program that computes one photo, of a job or of a batch, with its stages kept where there is a store for them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,15 @@ from service.diagnosis import DATA, SUMS
 from service.errors import CorruptImage
 from service.jobs.artifacts import Artifacts, sha256_of
 from service.jobs.process import Reporter, Task
-from service.jobs.settings import PIPELINE_VERSION
 from service.jobs.stage_files import FORMAT, KeptStages, kept_types
 from service.options import Options
-from service.photo.bundle import unbundled
+from service.photo.bundle import MOST, unbundled
+from service.photo.limits import Limits, read_photo_file
 from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
+from service.stage_cache import NoCache, StageCache
+
+HEAD = "head"
+"""Key in the task's options that names another head model file, or null."""
 
 
 def run(task: Task, reporter: Reporter) -> None:
@@ -28,16 +32,21 @@ def run(task: Task, reporter: Reporter) -> None:
     Raises:
         AvatarError: as ``service.pipeline.make_avatar``.
     """
-    data = Path(task.photo).read_bytes()
+    data = read_photo_file(task.photo, MOST * Limits().max_bytes)
     if hashlib.sha256(data).hexdigest() != task.photo_sha256:
-        raise CorruptImage("the photo was changed on the server's disk after it was accepted; send it again")
-    stages = KeptStages(
-        Artifacts(task.artifacts), task.job, basis(task), kept_types(pipeline), Path(task.scratch),
-        finished=reporter.kept, mapped=task.tight,
+        raise CorruptImage("the photo was changed on the disk after it was taken; send it again")
+    stages: StageCache = NoCache()
+    if task.artifacts:
+        stages = KeptStages(
+            Artifacts(task.artifacts), task.job, basis(task), kept_types(pipeline), Path(task.scratch),
+            finished=reporter.kept, mapped=task.tight,
+        )  # fmt: skip
+    asked = dict(task.options)
+    head = asked.pop(HEAD, None)
+    avatar = pipeline.make_avatar(
+        unbundled(data), options_from(asked), reporter.progress, None if head is None else Path(str(head)), stages,
+        SMALL_TILE if task.tight else DEFAULT_TILE,
     )  # fmt: skip
-    tile = SMALL_TILE if task.tight else DEFAULT_TILE
-    photos, options = unbundled(data), options_from(task.options)
-    avatar = pipeline.make_avatar(photos, options, reporter.progress, stages=stages, tile=tile)
     reporter.progress("pack", 0.9)
     output = Path(task.output)
     write_archive(avatar, output)
@@ -63,4 +72,4 @@ def basis(task: Task) -> str:
     """What the results of stages depend on, and how they are written: program, data files, photo, options."""
     sums = hashlib.sha256((DATA / SUMS).read_bytes()).hexdigest()
     options = json.dumps(task.options, sort_keys=True)
-    return "\n".join((GENERATOR, PIPELINE_VERSION, FORMAT, sums, task.photo_sha256, options))
+    return "\n".join((GENERATOR, FORMAT, sums, task.photo_sha256, options))

@@ -153,10 +153,17 @@ which the system would wait a quarter of an hour.
 """
 
 
-def connect(url: str, pool: int = 8) -> sa.Engine:
-    """An engine for the URL of :class:`service.jobs.settings.Settings`."""
+def connect(url: str, pool: int = 8, *, ping: bool = True) -> sa.Engine:
+    """An engine for the URL of :class:`service.jobs.settings.Settings`.
+
+    Args:
+        url: of the database.
+        pool: connections that are kept.
+        ping: ask each connection whether it lives before it is used; without it a call fails once after the database
+            was away, for callers that try again (:func:`patient`).
+    """
     if not url.startswith("sqlite"):
-        return sa.create_engine(url, pool_size=pool, pool_pre_ping=True, pool_timeout=10, connect_args=LINE)
+        return sa.create_engine(url, pool_size=pool, pool_pre_ping=ping, pool_timeout=10, connect_args=LINE)
     engine = sa.create_engine(url, pool_size=pool, connect_args={"timeout": 30})
     event.listen(engine, "connect", _sqlite)
     return engine

@@ -6,14 +6,12 @@ import contextlib
 import json
 import sqlite3
 import time
-from pathlib import Path
 
 import sqlalchemy as sa
 
 from service.jobs import telemetry
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import EVENTS, IS_DERIVED, JOBS, now
-from service.jobs.settings import Settings
 from service.jobs.store import OWNERS, Row, Store, workflows
 from service.jobs.view import FINAL
 
@@ -89,63 +87,30 @@ def checkpoint(engine: sa.Engine) -> bool:
 
 
 STRAY = 3600.0
-"""Age in seconds of an upload that nobody finished."""
-
-SEEN = 300.0
-"""Seconds between the first look at something that nobody knows and its end.
-
-A clock that is set by a day makes an upload under way look old; none takes that long (``Settings.body_seconds``).
-"""
-
+"""Seconds for which files of a job that nobody knows are seen before they go: the job may be about to be stored."""
 
 ASKED = 500
 """Jobs that are looked up at a time."""
 
 
 class Strays:
-    """Looks for such files, and removes those that were there for long.
+    """Removes files without a job: of a server that died between storing a photo and its job.
 
     Args:
-        settings: of the worker.
         jobs: those that there are.
         artifacts: their files.
     """
 
-    def __init__(self, settings: Settings, jobs: Store, artifacts: Artifacts) -> None:
-        self._settings, self._jobs, self._artifacts = settings, jobs, artifacts
+    def __init__(self, jobs: Store, artifacts: Artifacts) -> None:
+        self._jobs, self._artifacts = jobs, artifacts
         self._unknown: dict[str, float] = {}
 
     def sweep(self) -> None:
-        """Remove uploads that never became a job, and files of jobs that nobody knows."""
-        incoming, artifacts = self._settings.incoming, self._artifacts
-        unknown: dict[str, float] = {}
-        found = artifacts.jobs()
-        for start in range(0, len(found), ASKED):
-            some = found[start : start + ASKED]
-            for job in set(some) - set(self._jobs.versions(some)):
-                age = None if artifacts.folder is None else _age(artifacts.folder / job)
-                if self._is_stray(job, age, unknown):
-                    artifacts.sweep(job, set())
-        for path in incoming.glob("*") if incoming.is_dir() else ():
-            if self._is_stray(path.name, _age(path), unknown):
-                path.unlink(missing_ok=True)
-        self._unknown = unknown
-
-    def _is_stray(self, name: str, age: float | None, unknown: dict[str, float]) -> bool:
-        """Whether something is old by the clock on the wall, and was seen long ago by the one that does not jump.
-
-        Args:
-            name: of it; when it was first seen is noted in ``unknown``.
-            age: in seconds by the clock on the wall; None where only being seen tells, as on a remote store.
-            unknown: of this look.
-        """
-        unknown[name] = self._unknown.get(name, time.monotonic())
-        patience = max(STRAY if age is None else SEEN, 2 * self._settings.body_seconds)
-        return (age is None or age >= STRAY) and time.monotonic() - unknown[name] >= patience
-
-
-def _age(path: Path) -> float:
-    try:
-        return time.time() - path.stat().st_mtime
-    except OSError:
-        return 0.0
+        """Look, and remove what has been there for long."""
+        found, moment = self._artifacts.jobs(), time.monotonic()
+        parts = [found[start : start + ASKED] for start in range(0, len(found), ASKED)]
+        unknown = {job for part in parts for job in set(part) - set(self._jobs.versions(part))}
+        self._unknown = {job: self._unknown.get(job, moment) for job in unknown}
+        for job, since in self._unknown.items():
+            if moment - since >= STRAY:
+                self._artifacts.sweep(job, set())

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 import sqlalchemy as sa
-from dbos import WorkflowStatus
 
 from service.jobs.database import IS_LEFTOVER, IS_TOMBSTONE, JOBS, WORKERS, now, seconds_of_database
 from service.jobs.erasure import checkpoint, forget, let_go
-from service.jobs.kinds import KINDS
 from service.jobs.locks import DatabaseLock
-from service.jobs.queue import ATTEMPTS, MESSAGE
 from service.jobs.runner import Runner
-from service.jobs.settings import PIPELINE_VERSION
 from service.jobs.store import Row, workflows
 from service.jobs.view import FINAL, problem
 
@@ -79,10 +75,7 @@ class Janitor:
             self._runner.tidy(row["id"])
 
     def reconcile(self, *, working: bool = True) -> None:
-        """No job that is unfinished for its owner may be finished, unknown or stranded for the queue.
-
-        Stranded are jobs of an older version of the program, unless a worker of that version lives: DBOS gives them to
-        no other. They begin again.
+        """No job that is unfinished for its owner may be finished or unknown for the queue.
 
         Args:
             working: whether this worker takes jobs; where not, those that are recorded as its own may stand.
@@ -90,11 +83,8 @@ class Janitor:
         Raises:
             LostJob: one that should run here does not.
         """
-        rows = self._store.where(JOBS.c.state == "running")
-        rows += [row for kind in KINDS for row in self._store.next(kind, HEAD)]
-        rows = [row for row in rows if row["updated_at"] < now() - SETTLED]
+        rows = [row for row in self._store.at_work(HEAD) if row["updated_at"] < now() - SETTLED]
         states = self._queue.states([row["workflow"] for row in rows])
-        alive = self._alive()
         missing: dict[str, float] = {}
         for row in rows:
             status = states.get(row["workflow"])
@@ -104,21 +94,11 @@ class Janitor:
                     self._queue.put(connection, row)
             elif status.status in ("SUCCESS", "ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED"):
                 self._close(row, status.status)
-            elif _stranded(status, alive):
-                self._again(row)
             elif working and status.status == "PENDING" and status.executor_id == self._runner.settings.worker:
                 missing[row["id"]] = self._missing.get(row["id"], time.monotonic())
-        for status in self._queue.running(name=MESSAGE):
-            if _stranded(status, alive):
-                self._send_again(status.workflow_id)
         self._missing = {job: since for job, since in missing.items() if job not in self._runner.active}
         if any(time.monotonic() - since > LOST for since in self._missing.values()):
             raise LostJob(", ".join(self._missing))
-
-    def lead(self) -> None:
-        """See to it that new jobs are for a version of the program that some worker has; as :meth:`Queue.lead`."""
-        if self._queue.lead(PIPELINE_VERSION, set(self._alive().values())):
-            log.warning("new jobs are now for workers of %s", PIPELINE_VERSION)
 
     def dead(self, lock: DatabaseLock) -> set[str]:
         """Names of other workers that are dead.
@@ -131,10 +111,12 @@ class Janitor:
         Args:
             lock: of this worker's name.
         """
-        with self._store.engine.connect() as connection:
-            names = connection.execute(sa.select(WORKERS.c.name)).scalars()
-            others = set(names) - {self._runner.settings.worker}
-        quiet = others - set(self._alive())
+        engine = self._store.engine
+        silent = (WORKERS.c.seen_at <= seconds_of_database(engine) - SILENT) | WORKERS.c.fault.is_not(None)
+        query = sa.select(WORKERS.c.name, silent).where(WORKERS.c.name != self._runner.settings.worker)
+        with engine.connect() as connection:
+            others = {name: bool(is_silent) for name, is_silent in connection.execute(query)}
+        quiet = {name for name, is_silent in others.items() if is_silent}
         dead, self._quiet = lock.dead(others) | (quiet & self._quiet), quiet
         return dead
 
@@ -147,19 +129,10 @@ class Janitor:
             free = sa.text("select pg_try_advisory_xact_lock(:key)")
             if not connection.execute(free, {"key": _TAKE_OVER}).scalar_one():
                 return 0
-            taken = self._queue.take_from(dead, PIPELINE_VERSION)
+            taken = self._queue.take_from(dead)
         if taken:
             log.warning("jobs of workers that are gone are taken over: %d", taken)
         return taken
-
-    def _alive(self) -> dict[str, str]:
-        """Name -> version of the workers that gave a sign of life and take jobs."""
-        engine = self._store.engine
-        query = sa.select(WORKERS.c.name, WORKERS.c.version).where(
-            WORKERS.c.seen_at > seconds_of_database(engine) - SILENT, WORKERS.c.fault.is_(None)
-        )
-        with engine.connect() as connection:
-            return {row.name: row.version for row in connection.execute(query)}
 
     def _close(self, row: Row, status: str) -> None:
         expires = now() + self._runner.settings.result_hours * 3600
@@ -171,28 +144,3 @@ class Janitor:
             closed = self._store.fail(row["id"], problem("crashed", 500, words), expires)
         if closed:
             self._runner.tidy(row["id"])
-
-    def _again(self, row: Row) -> None:
-        """Begin a job again, with a workflow of its own."""
-        self._queue.cancel(row["workflow"])
-        first, _, count = str(row["workflow"]).partition(".")
-        workflow = f"{first}.{int(count) + 1}"
-        with self._store.engine.begin() as connection:
-            query = sa.update(JOBS).where(JOBS.c.id == row["id"], JOBS.c.workflow == row["workflow"])
-            if connection.execute(query.values(workflow=workflow)).rowcount:
-                self._queue.put(connection, {**row, "workflow": workflow})
-                log.info("a job of an older version is begun again", extra={"job": row["id"]})
-
-    def _send_again(self, message: str) -> None:
-        """Put the next attempt at a message into the queue, in place of one that nobody finishes."""
-        job, _, attempt = message.rpartition(".told.")
-        row = self._store.get(job)
-        if row is not None and row["webhook"] and int(attempt) < ATTEMPTS:
-            with self._store.engine.begin() as connection:
-                self._queue.put_message(connection, row, int(attempt) + 1)
-        self._queue.cancel(message)
-
-
-def _stranded(status: WorkflowStatus, alive: Mapping[str, str]) -> bool:
-    version = status.app_version
-    return version not in (None, PIPELINE_VERSION) and alive.get(status.executor_id or "") != version

@@ -22,7 +22,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from service.errors import AvatarError, OutOfMemory, as_facts
 from service.jobs.settings import Settings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,9 +83,15 @@ class Reporter:
         """The archive is written."""
         self._say({"done": facts})
 
-    def problem(self, problem: Mapping[str, Any]) -> None:
-        """There will be no archive."""
-        self._say({"problem": problem})
+    def problem(self, error: Exception) -> None:
+        """There will be no archive; a fault that is not the photo's is logged with its traceback."""
+        from service.runtime.sessions import lacked_memory
+
+        if isinstance(error, OutOfMemory) or lacked_memory(error):
+            error = OutOfMemory("the computation needs more memory than this server allows")
+        elif not isinstance(error, AvatarError) or error.http_status >= 500:
+            log.error("the job failed", exc_info=error)
+        self._say({"problem": as_facts(error)})
 
     def _say(self, message: Mapping[str, Any]) -> None:
         self._stream.write(json.dumps(message).encode() + b"\n")
@@ -109,26 +118,9 @@ def main() -> int:
     try:
         program.run(task, reporter)
     except Exception as error:  # whatever it is, the job has to end with an answer
-        _report_problem(reporter, error)
+        reporter.problem(error)
     return 0
 
-
-def _report_problem(reporter: Reporter, error: Exception) -> None:
-    import logging
-
-    from service.errors import AvatarError, OutOfMemory
-    from service.jobs.view import from_error
-    from service.runtime.sessions import lacked_memory
-
-    if isinstance(error, OutOfMemory) or lacked_memory(error):
-        reporter.problem(from_error(OutOfMemory("the computation needs more memory than this server allows")))
-        return
-    if not isinstance(error, AvatarError) or error.http_status >= 500:
-        logging.getLogger(__name__).error("the job failed", exc_info=error)
-    reporter.problem(from_error(error))
-
-
-log = logging.getLogger(__name__)
 
 TICK = 0.2
 """Seconds between two looks at cancellation, time and memory."""
@@ -170,18 +162,23 @@ class JobProcess:
     """A process that loads the program, waits for one task, and ends after it.
 
     It has a process group of its own, so that its end is the end of all that it started.
+
+    Args:
+        settings: program and limits.
+        noise: file for its standard error; None for this process's own.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, noise: Path | None = None) -> None:
         limits = (settings.memory_mb, settings.job_seconds, settings.niceness, os.getpid())
         self._settings = settings
-        self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and our own module, no shell
-            [sys.executable, "-m", "service.jobs.process", settings.program, *(str(limit) for limit in limits)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-            env={"OPENBLAS_NUM_THREADS": "1", **os.environ},  # as the command line does
-        )
+        command = [sys.executable, "-m", "service.jobs.process", settings.program, *map(str, limits)]
+        environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ}  # as the command line does
+        with contextlib.ExitStack() as opened:
+            stderr = None if noise is None else opened.enter_context(noise.open("wb"))
+            self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and our own module, no shell
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr, start_new_session=True,
+                env=environment,
+            )  # fmt: skip
 
     def run(self, task: Task, progress: Callable[[dict[str, Any]], None], stop: Callable[[], bool]) -> Ending:
         """Hand over a task and wait for its end.

@@ -14,6 +14,13 @@ from service.jobs.kinds import KINDS
 
 APPLICATION = "avatarme"
 
+VERSION = "pipeline-5"
+"""Version of the workflows, as DBOS has it, the same for all releases: each one goes on with what another one began.
+
+Steps hand on names only, and stages of another release are computed again (``service.jobs.avatar_process``). What
+changes the steps of a workflow so that it cannot go on gives it another name, and leaves the old one beside it.
+"""
+
 WORKFLOW, MESSAGE = "avatar", "message"
 """Names of the workflows: a job of any kind, and one attempt to tell of the end of a job."""
 
@@ -93,9 +100,7 @@ class Queue:
             options["delay_seconds"] = PAUSES_S[attempt - 2]
         self.client.enqueue_in_transaction(connection, options, job["id"], attempt)
 
-    def enqueue(
-        self, connection: sa.Connection, queue: str, workflow: str, workflow_id: str, *arguments: Any
-    ) -> None:
+    def enqueue(self, connection: sa.Connection, queue: str, workflow: str, workflow_id: str, *arguments: Any) -> None:
         """Put a workflow that is no job's into a queue, inside the caller's transaction; twice is once."""
         options: EnqueueOptions = {"queue_name": queue, "workflow_name": workflow, "workflow_id": workflow_id}
         self.client.enqueue_in_transaction(connection, options, *arguments)
@@ -121,7 +126,7 @@ class Queue:
             status="PENDING", load_input=False, load_output=False, limit=MOST_LISTED, **filters
         )
 
-    def take_from(self, workers: Collection[str], version: str) -> int:
+    def take_from(self, workers: Collection[str]) -> int:
         """Put what these workers were at back into its queues; returns the number of workflows.
 
         It checks no owner, so nobody else may do it at the same time: see :meth:`Janitor.take_over`. DBOS counts the
@@ -131,30 +136,11 @@ class Queue:
         """
         if not workers:
             return 0
-        held = self.running(executor_id=sorted(workers), app_version=version)
+        held = self.running(executor_id=sorted(workers))
         for name in {status.queue_name for status in held}:
             mine = [status.workflow_id for status in held if status.queue_name == name]
             self.client.resume_workflows(mine, queue_name=name)
         return len(held)
-
-    def lead(self, version: str, alive: Collection[str]) -> bool:
-        """Make a version of the steps the one that takes new jobs, where the one that should is not there any more.
-
-        DBOS gives what waits to the version that was introduced last. After the way back to an older one that would be
-        nobody, and all jobs would wait for ever.
-
-        Args:
-            version: of a worker that has been launched.
-            alive: versions of the workers that live.
-
-        Returns:
-            Whether anything was changed.
-        """
-        latest = self.client.get_latest_application_version()["version_name"]
-        if latest == version or latest in alive:
-            return False
-        self.client.set_latest_application_version(version)
-        return True
 
     def delete(self, workflows: list[str]) -> None:
         """Forget workflows."""

@@ -24,7 +24,7 @@ from service.jobs.kinds import KINDS, Kind
 from service.jobs.process import Ending, Glance, JobProcess, Task
 from service.jobs.settings import Settings
 from service.jobs.store import Row, Store
-from service.jobs.view import FINAL, from_error, problem
+from service.jobs.view import FINAL, from_error, from_facts, problem
 
 log = logging.getLogger(__name__)
 
@@ -237,7 +237,7 @@ class Runner:
         """What a job fails for whose process ended so; None where it is worth another attempt."""
         starved = ending.kind == "memory" or ending.facts.get("code") == OutOfMemory.code
         if ending.kind == "problem" and not starved:
-            return ending.facts
+            return from_facts(ending.facts)
         if ending.kind == "time":
             seconds = kind.limits(self.settings).job_seconds
             if kind.derived:
@@ -259,7 +259,8 @@ class Runner:
         job, kind = row["id"], KINDS[row["kind"]]
         source = patient(lambda: self.store.get(row["source"])) if kind.derived else None
         if kind.derived and (source is None or source["archive"] is None):
-            return Ending("problem", problem("gone", 410, "the avatar has expired or was erased"), 0)
+            gone = {"code": "gone", "status": 410, "message": "the avatar has expired or was erased"}
+            return Ending("problem", gone, 0)
         process = None
         if not kind.derived:
             with self._lock:
@@ -269,8 +270,8 @@ class Runner:
         self.active[job] = process
         progress = (lambda message: None) if kind.derived else Report(self.store, job)
         task = task_of(row, source, self.settings, scratch, photo)
-        gone = Glance(lambda: self._gone(job), LOOK)
-        return process.run(task, progress, lambda: self.stopping.is_set() or gone())
+        ended = Glance(lambda: self._gone(job), LOOK)
+        return process.run(task, progress, lambda: self.stopping.is_set() or ended())
 
     def _wait_for_space(self, job: str) -> None:
         """A job begins when the reserve is free, which is enough for its stages and its archive."""

@@ -13,9 +13,6 @@ from service.errors import UsageError
 
 PREFIX = "AVATARME_"
 
-PIPELINE_VERSION = "pipeline-5"
-"""Version of the steps of a job, kept by hand: unfinished jobs of another version are begun again at start-up."""
-
 _KINDS: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "Path": Path}
 
 
@@ -32,6 +29,8 @@ class Settings:
         worker: name of this worker, different for each one and the same after a restart.
         jobs: photos that one worker computes at the same time, >= 1.
         batches: shards of batches that one worker computes at the same time beside its jobs; 0 for none.
+        look_seconds: between two looks of a worker into each of its queues, which are most of what it does beside
+            jobs; of all workers of a database, what the one that started last has.
         memory_mb: most memory of one job in MiB, 0 for no limit of ours.
         job_seconds: longest time of one job; many times what it takes, as other work may keep the machine busy.
         niceness: added to the niceness of a job's process, so that answers do not wait for it.
@@ -75,6 +74,7 @@ class Settings:
     worker: str = "solo"
     jobs: int = 1
     batches: int = 0
+    look_seconds: float = 2.0
     memory_mb: int = 8192
     job_seconds: float = 1800.0
     niceness: int = 10
@@ -108,7 +108,7 @@ class Settings:
     program: str = "service.jobs.avatar_process"
     render_program: str = "service.jobs.render_process"
     export_program: str = "service.jobs.kit_process"
-    batch_program: str = "service.batch.photo_process"
+    batch_program: str = "service.jobs.avatar_process"
 
     def __post_init__(self) -> None:
         for field in (field for field in fields(self) if field.type == "int" and field.name != "niceness"):

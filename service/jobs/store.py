@@ -15,7 +15,7 @@ import sqlalchemy as sa
 from service.jobs import admission, telemetry
 from service.jobs.admission import UNFINISHED, Bounds, KeyInUse, NewJob
 from service.jobs.database import EVENTS, IS_WAITING, JOBS, now
-from service.jobs.kinds import AVATAR
+from service.jobs.kinds import AVATAR, KINDS
 from service.jobs.queue import ATTEMPTS, Queue
 from service.jobs.view import job_json
 
@@ -91,9 +91,13 @@ class Store:
         """The job that waits longest."""
         return self._one(sa.select(JOBS).where(IS_WAITING).order_by(JOBS.c.created_at).limit(1))
 
-    def next(self, kind: str, limit: int) -> list[Row]:
-        """Jobs of a kind whose turns come next."""
-        return self._all(sa.select(JOBS).where(IS_WAITING, JOBS.c.kind == kind).order_by(JOBS.c.turn).limit(limit))
+    def at_work(self, head: int) -> list[Row]:
+        """Jobs that run, and of each kind so many of those whose turns come next."""
+        waiting = sa.select(JOBS).where(IS_WAITING).order_by(JOBS.c.turn).limit(head)
+        parts = [sa.select(JOBS).where(JOBS.c.state == "running")]
+        parts += [sa.select(waiting.where(JOBS.c.kind == kind).subquery()) for kind in KINDS]
+        with self.engine.connect() as connection:
+            return list(connection.execute(sa.union_all(*parts)).mappings())
 
     def measured(self, limit: int = 2000) -> list[Row]:
         """Options, times and memory of the last avatars that succeeded."""
@@ -302,7 +306,5 @@ class Store:
 
 
 def workflows(row: Mapping[str, Any] | Row) -> list[str]:
-    """Names of all workflows that a job ever had, with those that told of its end."""
-    first, _, count = str(row["workflow"]).partition(".")
-    told = [f"{row['id']}.told.{attempt}" for attempt in range(1, ATTEMPTS + 1)]
-    return [*(f"{first}.{number}" for number in range(1, int(count) + 1)), *told]
+    """Names of the workflow of a job, and of those that tell of its end."""
+    return [str(row["workflow"]), *(f"{row['id']}.told.{attempt}" for attempt in range(1, ATTEMPTS + 1))]

@@ -9,7 +9,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.errors import AvatarError
+from service.errors import as_facts
 from service.jobs.kinds import KINDS
 
 FINAL = ("succeeded", "failed", "cancelled")
@@ -108,13 +108,17 @@ def problem(code: str, status: int, detail: str, **extra: Any) -> dict[str, Any]
 
 
 def from_error(error: BaseException) -> dict[str, Any]:
-    """The problem object of a fault: words of 4xx as they are, those of 5xx replaced."""
-    if not isinstance(error, AvatarError):
-        return problem("internal", 500, _INTERNAL)
-    if error.http_status >= 500 and error.code not in ("crashed", "out-of-memory", "out-of-time"):
-        return problem(error.code, error.http_status, _INTERNAL)
-    extra = dict(error.extra)
+    """The problem object of a fault; as :func:`from_facts`."""
+    return from_facts(as_facts(error))
+
+
+def from_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """The problem object of :func:`service.errors.as_facts`: words of 4xx as they are, those of 5xx replaced."""
+    extra = dict(facts)
+    code, status, message = (extra.pop(name) for name in ("code", "status", "message"))
+    if status >= 500 and code not in ("crashed", "out-of-memory", "out-of-time"):
+        return problem(code, status, _INTERNAL)
     field = extra.pop("field", None)
     if field is not None:
         extra["pointer"] = f"/{field}"
-    return problem(error.code, error.http_status, error.message, **extra)
+    return problem(code, status, message, **extra)

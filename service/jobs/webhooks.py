@@ -6,20 +6,20 @@ attempt before it, with a delay. What is sent is read from the job when it is se
 
 from __future__ import annotations
 
+import asyncio
 import base64
-import contextlib
 import hashlib
 import hmac
-import http.client
 import ipaddress
 import json
 import logging
 import re
 import socket
 import ssl
-import threading
 from dataclasses import dataclass
 from pathlib import Path
+
+import httpx
 
 from service.errors import UsageError
 from service.jobs import telemetry
@@ -119,9 +119,6 @@ DEADLINE_S = 10.0
 SENDERS = 16
 """Messages that one worker sends at the same time, each to another host or of another tenant."""
 
-LOOK_S = 1.0
-"""Between two looks for messages that are due."""
-
 
 def signature(secret: bytes, name: str, moment: int, body: bytes) -> str:
     """``v1,`` and the base64 of the HMAC-SHA256 of ``NAME.MOMENT.BODY``, as Standard Webhooks 1 has it.
@@ -142,50 +139,28 @@ def send(where: Target, name: str, moment: int, body: bytes, secret: bytes, *, p
     Raises:
         OSError: there is no way there, it may not be gone, time is over, or what answers is no HTTP.
     """
-    connection = _Pinned(where, resolved(where, private=private))
+    address = resolved(where, private=private)
     headers = {
-        "Content-Type": "application/json", "User-Agent": "avatarme", "webhook-id": name,
-        "webhook-timestamp": str(moment), "webhook-signature": signature(secret, name, moment, body),
+        "Host": f"{where.host}:{where.port}", "Content-Type": "application/json", "User-Agent": "avatarme",
+        "webhook-id": name, "webhook-timestamp": str(moment),
+        "webhook-signature": signature(secret, name, moment, body),
     }  # fmt: skip
-    end = threading.Timer(DEADLINE_S, connection.cut)
-    end.daemon = True
-    end.start()
+    # To the address that was checked; the certificate has to be that of the host.
+    trusted = ssl.create_default_context() if where.scheme == "https" else False
+    url = httpx.URL(scheme=where.scheme, host=address, port=where.port, raw_path=where.path.encode())
+
+    async def post() -> int:
+        async with (
+            asyncio.timeout(DEADLINE_S),
+            httpx.AsyncClient(verify=trusted, trust_env=False) as http,
+            http.stream("POST", url, content=body, headers=headers, extensions={"sni_hostname": where.host}) as answer,
+        ):
+            return answer.status_code
+
     try:
-        connection.request("POST", where.path, body, headers)
-        status = connection.getresponse().status
-        if connection.over.is_set():  # the head of the answer has no end then
-            raise TimeoutError(f"{where.host} took more than {DEADLINE_S:g} s")
-        return status
-    except http.client.HTTPException as error:
+        return asyncio.run(post())
+    except (TimeoutError, httpx.HTTPError) as error:
         raise OSError(f"{where.host} does not answer in time, or not by HTTP: {type(error).__name__}") from error
-    finally:
-        end.cancel()
-        connection.close()
-
-
-class _Pinned(http.client.HTTPConnection):
-    """A connection to one address of a host, until it is cut; the certificate has to be that of the host."""
-
-    def __init__(self, where: Target, address: str) -> None:
-        super().__init__(where.host, where.port, timeout=DEADLINE_S)
-        self._where, self._address = where, address
-        self.over = threading.Event()
-
-    def connect(self) -> None:
-        self.sock = socket.create_connection((self._address, self._where.port), DEADLINE_S)
-        if self._where.scheme == "https":
-            tls = ssl.create_default_context()
-            name = self._where.host
-            self.sock = tls.wrap_socket(self.sock, server_hostname=name, do_handshake_on_connect=False)
-            self.sock.do_handshake()  # only now, as until then it could not be cut
-        if self.over.is_set():
-            raise TimeoutError(f"{self._where.host} took more than {DEADLINE_S:g} s")
-
-    def cut(self) -> None:
-        """End whatever the connection waits for."""
-        self.over.set()
-        with contextlib.suppress(OSError, AttributeError):
-            self.sock.shutdown(socket.SHUT_RDWR)
 
 
 def tell(store: Store, settings: Settings, job: str, attempt: int) -> str:

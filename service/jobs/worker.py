@@ -20,6 +20,7 @@ from types import FrameType
 
 import sqlalchemy as sa
 
+from service import __version__
 from service.errors import AvatarError
 from service.jobs import logs
 from service.jobs.artifacts import Artifacts
@@ -29,11 +30,12 @@ from service.jobs.janitor import Janitor, LostJob
 from service.jobs.locks import DatabaseLock, FileLock
 from service.jobs.machine import end_with_parent, keep_private
 from service.jobs.runner import Runner
-from service.jobs.settings import PIPELINE_VERSION, Settings, from_json
+from service.jobs.settings import Settings, from_json
 from service.jobs.store import Store
 from service.jobs.workflow import Workflows
 
 log = logging.getLogger(__name__)
+
 
 class Worker:
     """One worker, from its start to its end.
@@ -50,7 +52,7 @@ class Worker:
         self.settings = settings
         self._more = more
         self._file_lock = FileLock(settings.data, f"worker-{settings.worker}")
-        self.engine = connect(settings.database_url)
+        self.engine = connect(settings.database_url, ping=False)
         self._lock = DatabaseLock(self.engine, settings.worker)
         create_tables(self.engine, settings)
         self.runner = Runner(settings, Store(self.engine), Artifacts(settings.artifacts_url))
@@ -81,9 +83,9 @@ class Worker:
 
     def _chores(self) -> dict[Callable[[], None], float]:
         """What is done beside the jobs, and the seconds between two times of doing it."""
-        strays = Strays(self.settings, self.runner.store, self.runner.artifacts)
+        strays = Strays(self.runner.store, self.runner.artifacts)
         return {
-            self.beat: 5.0, self._janitor.tidy: 5.0, self.take_over: 5.0, self.reconcile: 10.0,
+            self.beat: 5.0, self._janitor.tidy: 10.0, self.take_over: 5.0, self.reconcile: 10.0,
             self._janitor.expire: 30.0, self.recheck: 30.0, strays.sweep: 600.0,
         }  # fmt: skip
 
@@ -91,7 +93,7 @@ class Worker:
         """Give a sign of life, and end where the lock on the name is lost."""
         self._lock.check()
         values = {
-            "version": PIPELINE_VERSION, "ready": self._ready, "fault": self._fault,
+            "version": __version__, "ready": self._ready, "fault": self._fault,
             "seen_at": seconds_of_database(self.engine),
         }  # fmt: skip
         with self.engine.begin() as connection:
@@ -100,10 +102,8 @@ class Worker:
                 connection.execute(sa.insert(WORKERS).values(name=self.settings.worker, **values))
 
     def reconcile(self) -> None:
-        """As :meth:`Janitor.reconcile` and :meth:`Janitor.lead`."""
+        """As :meth:`Janitor.reconcile`."""
         self._janitor.reconcile(working=self._fault is None)
-        if self._fault is None:
-            self._janitor.lead()
 
     def take_over(self) -> None:
         """As :meth:`Janitor.take_over`; with SQLite there is one worker only."""

@@ -14,10 +14,10 @@ from dbos import DBOS, DBOSConfig
 
 from service.jobs import webhooks
 from service.jobs.database import LINE, patient
-from service.jobs.kinds import EXPORT, KINDS
-from service.jobs.queue import APPLICATION, MESSAGE, MESSAGES, WORKFLOW, JsonSerializer
+from service.jobs.kinds import KINDS
+from service.jobs.queue import APPLICATION, MESSAGE, MESSAGES, VERSION, WORKFLOW, JsonSerializer
 from service.jobs.runner import Runner
-from service.jobs.settings import PIPELINE_VERSION, Settings
+from service.jobs.settings import Settings
 from service.jobs.view import from_error
 
 log = logging.getLogger(__name__)
@@ -27,10 +27,6 @@ RECOVERIES = 200
 
 It can be that many: what a photo can do to its process does not reach the worker, and is counted by itself.
 """
-
-POLL, SLOW_POLL = 1.0, 4.0
-"""Seconds between two looks into a queue, which are most of what a worker does beside its jobs; the second for kits,
-which take longer than that."""
 
 MADE_AGAIN = 3
 """How often an archive may be lost between being made and being published."""
@@ -61,7 +57,7 @@ def launch(settings: Settings, *kinds: Workflows) -> None:
     config: DBOSConfig = {
         "name": APPLICATION,
         "system_database_url": settings.database_url,
-        "application_version": PIPELINE_VERSION,
+        "application_version": VERSION,
         "executor_id": settings.worker,
         "serializer": JsonSerializer(),
         "enable_otlp": False,
@@ -69,7 +65,10 @@ def launch(settings: Settings, *kinds: Workflows) -> None:
         "use_listen_notify": False,
     }
     if not settings.database_url.startswith("sqlite"):
-        config["db_engine_kwargs"] = {"connect_args": {"application_name": APPLICATION, **LINE}}
+        # A dead connection shows when it is used; DBOS tries again then, and asking it each time is a sixth of idling.
+        config["db_engine_kwargs"] = {
+            "connect_args": {"application_name": APPLICATION, **LINE}, "pool_pre_ping": False,
+        }  # fmt: skip
     queues = {name: limits for kind in kinds for name, limits in kind.queues.items()}
     DBOS(config=config)
     try:
@@ -88,15 +87,13 @@ def of_jobs(runner: Runner) -> Workflows:
     """Jobs of all kinds, and messages of their ends."""
     settings = runner.settings
     queues: dict[str, dict[str, Any]] = {
-        kind.place: {
-            "worker_concurrency": kind.most(settings), "polling_interval_sec": SLOW_POLL if kind is EXPORT else POLL,
-        }
+        kind.place: {"worker_concurrency": kind.most(settings), "polling_interval_sec": settings.look_seconds}
         for kind in KINDS.values()
         if kind.most(settings)
     }
     if settings.webhook_hosts:
         # One at a time to each receiver of a tenant, wherever it is sent from; DBOS takes receivers in random order.
-        more = {"partition_concurrency": 1, "polling_interval_sec": webhooks.LOOK_S}
+        more = {"partition_concurrency": 1, "polling_interval_sec": settings.look_seconds}
         queues[MESSAGES] = {"worker_concurrency": webhooks.SENDERS, **more}
     return Workflows(lambda: _register(runner), queues)
 

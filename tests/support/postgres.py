@@ -61,6 +61,10 @@ class Postgres:
         options += f" -c max_connections={self._connections}"
         self._run("pg_ctl", "-D", str(self._data), "-o", options, "-l", str(self._data / "log"), "-w", "start")
 
+    def process(self) -> int:
+        """Id of its first process, which the others descend from."""
+        return int((self._data / "postmaster.pid").read_text().split()[0])
+
     def stop(self, mode: str = "fast") -> None:
         """Stop: "fast" says good-bye to clients, "immediate" is like pulling the plug."""
         self._run("pg_ctl", "-D", str(self._data), "-m", mode, "-w", "stop")

@@ -63,7 +63,7 @@ class Server:
         self.data = data
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}"
-        usual = {"program": TOY, "reserve_mb": 1, "niceness": 0, "notice_seconds": 0.1}
+        usual = {"program": TOY, "reserve_mb": 1, "niceness": 0, "notice_seconds": 0.1, "look_seconds": 0.3}
         chosen = {"data": data, "port": self.port, **usual, **(settings or {})}
         self._environment = {**os.environ, **(environment or {})}
         self._environment |= {PREFIX + name.upper(): str(value) for name, value in chosen.items()}
@@ -140,9 +140,7 @@ class Server:
             raise
 
 
-def post(
-    client: httpx.Client, photo: bytes, seed: int = 0, key: str | None = None, **options: Any
-) -> httpx.Response:
+def post(client: httpx.Client, photo: bytes, seed: int = 0, key: str | None = None, **options: Any) -> httpx.Response:
     """Post a photo."""
     headers = {"Idempotency-Key": key} if key is not None else {}
     files: Any = {

@@ -60,9 +60,7 @@ def ask(api: Api, content: Any, **headers: str) -> httpx2.Response:
 
 def worked(api: Api, **settings: Any) -> None:
     """What a worker does with all kits that wait, here."""
-    runner = Runner(
-        dataclasses.replace(api.context.settings, **settings), api.context.store, api.context.artifacts
-    )
+    runner = Runner(dataclasses.replace(api.context.settings, **settings), api.context.store, api.context.artifacts)
     for row in api.context.store.where(JOBS.c.kind == "export", JOBS.c.state == "queued"):
         assert runner.accept(row["workflow"])["kind"] == "wanted"
         runner.publish(row["id"], runner.make(row["id"]))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import hashlib
 import os
 import shutil
 import signal
 import socket
 import sqlite3
 import subprocess
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,8 +20,8 @@ import pytest
 
 import service
 from tests.service.api.conftest import is_problem
-from tests.support.server import Server, in_threads, post, small_photo, wait_for
-from tests.support.toy_job import SECONDS, archive
+from tests.support.server import Server, post, small_photo, wait_for
+from tests.support.toy_job import SECONDS
 
 pytestmark = pytest.mark.slow
 
@@ -223,25 +221,6 @@ def test_clients_that_leave_in_a_download_leave_nothing_behind(servers: Servers)
     server.stop()
 
 
-def test_a_job_goes_on_without_its_client_and_a_hundred_the_same_are_one(servers: Servers) -> None:
-    server = servers.started({"uploads": 200})
-    photo = small_photo(1)
-
-    def send(number: int) -> httpx.Response:
-        with httpx.Client(base_url=server.url, timeout=WITHIN) as client:
-            return post(client, photo, 1, "the same")
-
-    answers = in_threads(100, send)  # every one of them hangs up
-    assert {answer.status_code for answer in answers} == {202}
-    (job,) = {answer.json()["id"] for answer in answers}
-    with httpx.Client(base_url=server.url, timeout=60) as client:
-        assert wait_for(client, job, within=WITHIN)["state"] == "succeeded"
-        assert [item["id"] for item in client.get("/v1/avatars").json()["items"]] == [job]
-        content = client.get(f"/v1/avatars/{job}/archive.zip").content
-    assert content == archive(hashlib.sha256(photo).hexdigest(), 1)
-    server.stop()
-
-
 def _flip(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
@@ -280,22 +259,3 @@ def test_a_damaged_data_file_is_found_before_any_photo_is_taken(
         shutil.copyfile(source / harmed.relative_to(tmp_path / "service"), harmed)
         server.wait("readyz", WITHIN)
         assert wait_for(client, job, within=WITHIN)["error"]["code"] == "no-face"
-
-
-def test_a_process_that_is_stopped_costs_only_time(servers: Servers) -> None:
-    """SIGSTOP to the worker and its job for a while: nobody takes it for lost, and it goes on."""
-    server = servers.started({}, {SECONDS: "1.0"})
-    with httpx.Client(base_url=server.url, timeout=60) as client:
-        job = post(client, small_photo(1)).json()["id"]
-        while client.get(f"/v1/avatars/{job}").json()["state"] == "queued":
-            time.sleep(0.05)
-        stopped = server.processes()[1:]
-        for process in stopped:
-            os.kill(process, signal.SIGSTOP)
-        threading.Event().wait(5)
-        assert client.get("/livez").status_code == 200
-        for process in stopped:
-            with contextlib.suppress(OSError):
-                os.kill(process, signal.SIGCONT)
-        assert wait_for(client, job, within=WITHIN)["state"] == "succeeded"
-    server.stop()

@@ -451,7 +451,7 @@ def test_of_what_was_erased_no_byte_is_left(tmp_path: Path) -> None:
             time.sleep(0.05)
         with as_tenant(server, "ada") as client:
             assert client.delete(f"/v1/avatars/{jobs['ada']}").status_code == 204
-        time.sleep(8.0)  # until the worker has swept, and folded the log of writes
+        time.sleep(13.0)  # until the worker has swept, and folded the log of writes
     finally:
         server.stop()
         receiver.close()

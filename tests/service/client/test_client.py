@@ -278,7 +278,7 @@ def test_streams_that_always_break_are_given_up_and_the_client_asks(client: Clie
     fake.stages = list("abcdefghij")
     fake.fail("GET", "events", *[hang_up] * 100)
     assert client.wait(client.submit(PHOTO).id).state == "succeeded"
-    assert len(fake.requests("GET", "events")) == 4
+    assert len(fake.requests("GET", "events")) == 1
 
 
 def test_busy_with_events_is_not_the_end(client: Client, fake: Fake) -> None:

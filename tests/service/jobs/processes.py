@@ -1,11 +1,10 @@
-"""Processes of the service for tests: they die by SIGKILL at a chosen point, or claim to be of another version.
+"""Processes of the service for tests: they die by SIGKILL at a chosen point.
 
     python -m tests.service.jobs.processes worker POINT
     python -m tests.service.jobs.processes server POINT
 
 POINT is ``module:Class.name:before`` (or ``after``): the process ends as soon as that function is called, or has
-returned. ``version:NAME`` changes the version of the steps instead. A worker reads its settings from standard input, a
-server from the environment, as the real ones do.
+returned. A worker reads its settings from standard input, a server from the environment, as the real ones do.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ WITHIN = 240.0
 
 
 def start_worker(settings: Settings, point: str, stderr: IO[Any] | None = None) -> subprocess.Popen[bytes]:
-    """A worker with a fault or a version, by ``tests.service.jobs.processes``; "" for neither."""
+    """A worker with a fault, by ``tests.service.jobs.processes``; "" for none."""
     command = [sys.executable, "-m", "tests.service.jobs.processes", "worker", point]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=stderr)
     assert process.stdin is not None
@@ -65,11 +64,7 @@ def main() -> int:
     """Become the one or the other."""
     _, role, point = sys.argv
     del sys.argv[1:]
-    if point.startswith("version:"):
-        from service.jobs import settings
-
-        settings.PIPELINE_VERSION = point.partition(":")[2]
-    elif point:
+    if point:
         die_at(point)
     if role == "worker":
         from service.jobs.worker import main as work

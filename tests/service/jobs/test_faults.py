@@ -113,9 +113,3 @@ def test_a_disk_that_fails_for_a_while_costs_a_job_nothing(
     assert row is not None
     assert row["state"] == "succeeded"
     assert not failures
-
-
-def test_a_crash_of_one_photo_is_nothing_to_another(bench: Bench) -> None:
-    bad, good = bench.add(seed=101), bench.add(seed=1)
-    assert [bench.run(job) for job in (bad, good)] == ["published", "published"]
-    assert [bench.store.get(job)["state"] for job in (bad, good)] == ["failed", "succeeded"]  # type: ignore[index]

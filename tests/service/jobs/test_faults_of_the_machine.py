@@ -27,6 +27,7 @@ pytestmark = pytest.mark.slow
 
 HOUR = 3600
 
+
 @pytest.fixture
 def cgroup() -> Iterator[Group]:
     yield from group(600 << 20)

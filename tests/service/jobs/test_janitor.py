@@ -1,7 +1,5 @@
-
 from __future__ import annotations
 
-import os
 import time
 from typing import TYPE_CHECKING
 
@@ -10,10 +8,9 @@ import sqlalchemy as sa
 
 from service.jobs import janitor as module
 from service.jobs.database import JOBS, WORKERS, create_tables, now
-from service.jobs.erasure import SEEN, STRAY, Strays
+from service.jobs.erasure import STRAY, Strays
 from service.jobs.janitor import Janitor, LostJob
 from service.jobs.locks import DatabaseLock
-from service.jobs.settings import PIPELINE_VERSION
 from tests.service.jobs.conftest import unfinished
 
 if TYPE_CHECKING:
@@ -95,52 +92,6 @@ def test_a_job_that_should_run_here_and_does_not_restarts_the_worker(
     bench.runner.active.clear()
 
 
-@pytest.mark.parametrize("status", ["PENDING", "ENQUEUED"])
-def test_jobs_of_an_older_version_begin_again(bench: Bench, janitor: Janitor, status: str) -> None:
-    """DBOS never runs a workflow of another version: without this an upgrade would strand it for ever."""
-    job = bench.add()
-    pretend(bench, f"{job}.1", status=status, application_version="pipeline-0", executor_id="solo")
-    janitor.reconcile()
-    janitor.reconcile()
-    assert [entry.workflow_id for entry in unfinished(bench.queue)] == [f"{job}.2"]
-    assert bench.runner.accept(f"{job}.1") == {"kind": "ended"}, "the older one has no say any more"
-    assert bench.runner.accept(f"{job}.2")["kind"] == "wanted"
-
-
-def test_a_living_worker_of_an_older_version_keeps_its_jobs(bench: Bench, janitor: Janitor) -> None:
-    """Upgrading one machine after the other must not take jobs out of the hands of those that still run."""
-    job = bench.add()
-    pretend(bench, f"{job}.1", status="PENDING", application_version="pipeline-0", executor_id="w2")
-    with bench.engine.begin() as connection:
-        beat = {"name": "w2", "version": "pipeline-0", "ready": True, "seen_at": time.time()}
-        connection.execute(sa.insert(WORKERS).values(**beat))
-    janitor.reconcile()
-    assert [entry.workflow_id for entry in unfinished(bench.queue)] == [f"{job}.1"]
-    with bench.engine.begin() as connection:
-        connection.execute(sa.update(WORKERS).values(seen_at=time.time() - 2 * module.SILENT))
-    janitor.reconcile()
-    assert [entry.workflow_id for entry in unfinished(bench.queue)] == [f"{job}.2"]
-
-
-def test_after_the_way_back_to_an_older_version_new_jobs_are_for_it(bench: Bench, janitor: Janitor) -> None:
-    """DBOS gives them to the version that was introduced last; they waited for ever where no worker has it any more."""
-    client = bench.queue.client
-    for version in (PIPELINE_VERSION, "pipeline-99"):
-        client._sys_db.create_application_version(version)
-        client.set_latest_application_version(version)
-        time.sleep(0.005)  # its clock counts milliseconds
-    beat = {"name": "w2", "version": "pipeline-99", "ready": True, "seen_at": time.time()}
-    with bench.engine.begin() as connection:
-        connection.execute(sa.insert(WORKERS).values(**beat))
-    janitor.lead()
-    assert client.get_latest_application_version()["version_name"] == "pipeline-99", "one of these lives"
-    with bench.engine.begin() as connection:
-        connection.execute(sa.update(WORKERS).values(seen_at=time.time() - 2 * module.SILENT))
-    janitor.lead()
-    janitor.lead()
-    assert client.get_latest_application_version()["version_name"] == PIPELINE_VERSION
-
-
 def test_a_worker_that_takes_no_jobs_is_not_blamed_for_its_own_and_others_get_them(
     bench: Bench, janitor: Janitor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,7 +103,7 @@ def test_a_worker_that_takes_no_jobs_is_not_blamed_for_its_own_and_others_get_th
     with pytest.raises(LostJob):
         janitor.reconcile()
     pretend(bench, f"{job}.1", executor_id="w2")
-    beat = {"name": "w2", "version": PIPELINE_VERSION, "ready": True, "seen_at": time.time()}
+    beat = {"name": "w2", "version": "1", "ready": True, "seen_at": time.time()}
     with bench.engine.begin() as connection:
         connection.execute(sa.insert(WORKERS).values(**beat))
     lock = DatabaseLock(bench.engine, "solo")
@@ -165,22 +116,13 @@ def test_a_worker_that_takes_no_jobs_is_not_blamed_for_its_own_and_others_get_th
 def test_a_clock_that_is_set_forward_takes_no_jobs_from_the_living(bench: Bench, janitor: Janitor) -> None:
     """By the clock of Postgres, all workers are silent until their next sign of life: their jobs would run twice."""
     lock, long_ago = DatabaseLock(bench.engine, "solo"), time.time() - 2 * module.SILENT
-    beats = [{"name": name, "version": "pipeline-0", "ready": True, "seen_at": long_ago} for name in ("w2", "w3")]
+    beats = [{"name": name, "version": "1", "ready": True, "seen_at": long_ago} for name in ("w2", "w3")]
     with bench.engine.begin() as connection:
         connection.execute(sa.insert(WORKERS), beats)
     assert janitor.dead(lock) == set(), "seen once only"
     with bench.engine.begin() as connection:
         connection.execute(sa.update(WORKERS).where(WORKERS.c.name == "w3").values(seen_at=time.time()))
     assert janitor.dead(lock) == {"w2"}
-
-
-def test_a_message_of_an_older_version_is_sent_by_the_next_attempt(bench: Bench, janitor: Janitor) -> None:
-    job = bench.add(webhook="https://hooks.example/")
-    bench.store.fail(job, {"code": "no-face"}, 1e10)
-    pretend(bench, f"{job}.told.1", status="PENDING", application_version="pipeline-0", executor_id="w2")
-    janitor.reconcile()
-    states = bench.queue.states([f"{job}.told.1", f"{job}.told.2"])
-    assert [status.status for status in states.values()] == ["CANCELLED", "DELAYED"]
 
 
 def test_a_database_of_an_older_version_gets_the_columns_that_it_lacks(bench: Bench) -> None:
@@ -209,39 +151,17 @@ def test_nothing_in_the_database_is_a_pickle(bench: Bench) -> None:
     assert "py_pickle" not in dump
 
 
-def test_the_tables_are_where_the_queries_look(bench: Bench) -> None:
-    assert {"avatarme_jobs", "workflow_status"} <= set(sa.inspect(bench.engine).get_table_names())
-    assert JOBS.c.id.primary_key
-
-
-
-if TYPE_CHECKING:
-    from tests.service.jobs.conftest import Bench
-
-
-def test_uploads_that_became_no_job_go_after_an_hour(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    strays = Strays(bench.settings, bench.store, bench.artifacts)
-    folder = bench.artifacts.folder
+def test_files_that_became_no_job_go_after_an_hour(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An hour of being seen: by the clock on the wall, which may be set by a day, a new one may look old."""
+    strays, folder = Strays(bench.store, bench.artifacts), bench.artifacts.folder
     assert folder is not None
-    young, old = folder / ("c" * 32), folder / ("d" * 32)
-    bench.settings.incoming.mkdir()
-    part = bench.settings.incoming / "x.part"
-    for path in (young, old):
-        path.mkdir()
-        (path / f"photo-{'0' * 64}.bin").write_bytes(b"x")
-    part.write_bytes(b"x")
-    for path in (old, part):
-        os.utime(path, (time.time() - 2 * STRAY,) * 2)
-    job = bench.add()
+    unknown, job = folder / ("c" * 32), bench.add()
+    unknown.mkdir()
+    (unknown / f"photo-{'0' * 64}.bin").write_bytes(b"x")
     strays.sweep()
-    assert old.exists(), "a clock that was set by a day makes everything old"
-    assert part.exists()
-    later = time.monotonic() + SEEN
+    assert unknown.exists()
+    later = time.monotonic() + STRAY
     monkeypatch.setattr(time, "monotonic", lambda: later)
     strays.sweep()
-    assert young.exists()
-    assert not old.exists()
-    assert not part.exists()
+    assert not unknown.exists()
     assert bench.artifacts.names(job)

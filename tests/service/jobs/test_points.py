@@ -21,7 +21,7 @@ from tests.service.jobs.conftest import unfinished
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 from tests.support.moments import redone
 from tests.support.server import Server, post, small_photo, wait_for
-from tests.support.toy_job import LOG, SECONDS, archive
+from tests.support.toy_job import LOG, archive
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
@@ -118,22 +118,6 @@ def test_a_job_that_ends_its_worker_again_and_again_ends_and_the_next_one_goes_o
     finally:
         last.kill()
     assert (state_of(bench, bad), state_of(bench, good)) == ("failed", "succeeded")
-
-
-def test_a_job_at_work_outlives_an_upgrade_and_the_way_back(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The queue gives a job of another version to nobody: without help both jobs would stand for ever."""
-    monkeypatch.setenv(SECONDS, "1.0")
-    for old, new in (("version:pipeline-0", ""), ("", "version:pipeline-0")):
-        job = bench.add(seed=13)
-        before = Worker(bench, old)
-        wait_until(lambda job=job: state_of(bench, job) == "running")  # type: ignore[misc]
-        before.kill()
-        after = Worker(bench, new)
-        try:
-            wait_until(lambda job=job: state_of(bench, job) not in UNFINISHED)  # type: ignore[misc]
-            assert state_of(bench, job) == "succeeded"
-        finally:
-            after.kill()
 
 
 def test_a_server_may_die_at_every_point_of_an_upload(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Several workers on one Postgres, one of them behind a bad line or of another version."""
+"""Several workers on one Postgres; one of them behind a bad line."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ import pytest
 
 from service.jobs.settings import Settings
 from tests.service.jobs.conftest import unfinished
-from tests.service.jobs.processes import WITHIN, start_worker, wait_until
+from tests.service.jobs.processes import WITHIN, wait_until
 from tests.service.jobs.s3 import S3, serve
 from tests.support.moments import redone
 from tests.support.postgres import Postgres, find_programs
 from tests.support.server import TOY, Server, post, small_photo, wait_for
 from tests.support.slow_line import Line
-from tests.support.toy_job import LOG, SECONDS, archive
+from tests.support.toy_job import LOG, archive
 from tests.support.workers import Workers
 
 pytestmark = [
@@ -48,16 +48,15 @@ class Site:
     def state(self, job: str) -> str:
         return str(self.client.get(f"/v1/avatars/{job}").json()["state"])
 
-    def workflows(self) -> dict[str, Any]:
-        """Worker and version of each job that waits or runs."""
+    def unfinished(self) -> list[str]:
+        """Workflows of jobs that wait or run."""
         from service.jobs.database import connect
         from service.jobs.queue import Queue
 
         engine = connect(Settings(data=self.folder, **self.settings).database_url)
         queue = Queue(engine)
         try:
-            found = unfinished(queue)
-            return {status.workflow_id.partition(".")[0]: (status.executor_id, status.app_version) for status in found}
+            return [status.workflow_id for status in unfinished(queue)]
         finally:
             queue.client.destroy()
             engine.dispose()
@@ -117,77 +116,10 @@ def test_a_slow_line_and_a_split_network_cost_time_only(
             time.sleep(1)
         for seed, job in jobs.items():
             site.ends(job, seed, photo)
-        wait_until(lambda: site.workflows() == {}, 60)
+        wait_until(lambda: site.unfinished() == [], 60)
     finally:
         line.close()
         workers.stop()
-
-
-class Versions:
-    """Workers of a site that claim to be of a version of the steps."""
-
-    def __init__(self, site: Site) -> None:
-        self._site = site
-        self._running: dict[str, subprocess.Popen[bytes]] = {}
-
-    def start(self, name: str, point: str) -> None:
-        """One by its name, with ``version:NAME``; "" is the present version."""
-        settings = Settings(data=self._site.folder / name, worker=name, **self._site.settings)
-        with (self._site.folder / f"{name}.log").open("ab") as log:
-            self._running[name] = start_worker(settings, point, log)
-
-    def kill(self, name: str) -> None:
-        self._running[name].kill()
-        self._running[name].wait()
-
-    def close(self) -> None:
-        for name in self._running:
-            self.kill(name)
-
-
-@pytest.fixture
-def versions(site: Site, monkeypatch: pytest.MonkeyPatch) -> Iterator[Versions]:
-    """With a worker of an old version, and jobs that take a while."""
-    monkeypatch.setenv(SECONDS, "2.0")
-    made = Versions(site)
-    made.start("old", "version:pipeline-0")
-    try:
-        site.server.wait("readyz")
-        yield made
-    finally:
-        made.close()
-
-
-def two_jobs(site: Site, photo: bytes) -> dict[int, str]:
-    """By their seeds; the first runs."""
-    jobs = {seed: post(site.client, photo, seed).json()["id"] for seed in (1, 2)}
-    wait_until(lambda: site.state(jobs[1]) == "running")
-    return jobs
-
-
-def test_two_versions_at_one_queue_leave_no_job_standing(site: Site, versions: Versions) -> None:
-    """A worker of the old version beside one of the new, which then is alone."""
-    photo = small_photo(1)
-    jobs = two_jobs(site, photo)
-    versions.start("new", "")
-    jobs[3] = post(site.client, photo, 3).json()["id"]
-    for seed in (1, 2, 3):
-        site.ends(jobs[seed], seed, photo)
-    versions.kill("old")
-    jobs[4] = post(site.client, photo, 4).json()["id"]
-    site.ends(jobs[4], 4, photo)
-    wait_until(lambda: site.workflows() == {}, 60)
-
-
-def test_jobs_of_an_old_version_whose_worker_is_gone_are_adopted(site: Site, versions: Versions) -> None:
-    """It is ended in the middle of one and never comes back; the new one waits until it is silent, and begins again."""
-    photo = small_photo(1)
-    jobs = two_jobs(site, photo)
-    versions.kill("old")
-    versions.start("new", "")
-    for seed, job in jobs.items():
-        site.ends(job, seed, photo)
-    wait_until(lambda: site.workflows() == {}, 60)
 
 
 @pytest.fixture

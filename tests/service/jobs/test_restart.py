@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
 import signal
 import time
 from pathlib import Path
@@ -12,33 +10,9 @@ import httpx
 import pytest
 
 from benchmarks.chaos import chaos
-from tests.support.moments import redone
 from tests.support.postgres import find_programs
 from tests.support.server import Server, post, small_photo, wait_for
-from tests.support.toy_job import LOG, SECONDS, archive
-
-
-def test_after_a_kill_the_job_goes_on_after_its_last_stage(tmp_path: Path) -> None:
-    log = tmp_path / "log"
-    server = Server(tmp_path / "data", {}, {LOG: str(log), SECONDS: "0.5"})
-    server.start()
-    photo = small_photo(1)
-    with httpx.Client(base_url=server.url, timeout=30) as client:
-        job = post(client, photo, 3).json()["id"]
-        deadline = time.monotonic() + 60
-        while not log.exists() or f"{job} kept one" not in log.read_text():
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-        processes = server.processes()
-        server.kill()
-        time.sleep(0.3)
-        assert not [process for process in processes if _runs(process)], "a job's process outlived the server"
-        server.start()
-        assert wait_for(client, job)["state"] == "succeeded"
-        content = client.get(f"/v1/avatars/{job}/archive.zip").content
-    assert content == archive(hashlib.sha256(photo).hexdigest(), 3)
-    assert redone(log) == []
-    assert server.stop() == 0
+from tests.support.toy_job import SECONDS
 
 
 @pytest.mark.slow
@@ -61,20 +35,6 @@ def test_a_signal_ends_it_and_the_job_goes_on_after_the_next_start(tmp_path: Pat
         assert not [process for process in processes if _runs(process)]
         server.start()
         assert wait_for(client, job)["state"] == "succeeded"
-    server.stop()
-
-
-@pytest.mark.slow
-def test_a_worker_that_dies_is_started_again_and_http_stays(tmp_path: Path) -> None:
-    server = Server(tmp_path / "data")
-    server.start()
-    with httpx.Client(base_url=server.url, timeout=30) as client:
-        worker = server.worker()
-        assert worker is not None
-        os.kill(worker, signal.SIGKILL)
-        assert client.get("/livez").status_code == 200
-        assert wait_for(client, post(client, small_photo(1)).json()["id"])["state"] == "succeeded"
-        assert server.worker() not in (None, worker)
     server.stop()
 
 

@@ -16,11 +16,8 @@ import pytest
 
 from service.client.client import Client
 from service.jobs import database
-from service.jobs import janitor as janitor_module
 from service.jobs.artifacts import Artifacts, artifact_name
-from service.jobs.database import now
 from service.jobs.erasure import STRAY, Strays
-from service.jobs.janitor import Janitor
 from service.jobs.places import StoreFault
 from service.jobs.runner import Runner
 from tests.service.api.conftest import GOOD, Api, is_problem, open_api
@@ -28,7 +25,7 @@ from tests.service.jobs.conftest import Bench
 from tests.service.jobs.processes import WITHIN
 from tests.service.jobs.s3 import S3, serve
 from tests.support.server import Server
-from tests.support.toy_job import LOG, archive
+from tests.support.toy_job import archive
 
 JOB = "a" * 32
 
@@ -132,22 +129,11 @@ def test_a_whole_job_from_the_photo_to_its_end(bench: Bench) -> None:
         runner.stop()
 
 
-def test_results_expire(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(janitor_module, "SETTLED", -1.0)
-    job, janitor = bench.add(), Janitor(bench.runner)
-    bench.run(job)
-    assert bench.artifacts.names(job)
-    bench.store.set(job, expires_at=now() - 1)
-    janitor.expire()
-    janitor.tidy()
-    assert bench.artifacts.names(job) == []
-
-
 def test_a_photo_whose_job_is_about_to_be_stored_is_not_taken_for_a_leftover(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The photo is there before its job. Nobody asks a store for the age of it, so what is unknown stays a while."""
-    strays, name = Strays(bench.settings, bench.store, bench.artifacts), put(bench.artifacts, tmp_path)
+    strays, name = Strays(bench.store, bench.artifacts), put(bench.artifacts, tmp_path)
     strays.sweep()
     assert bench.artifacts.exists(name)
     later = time.monotonic() + STRAY
@@ -155,29 +141,6 @@ def test_a_photo_whose_job_is_about_to_be_stored_is_not_taken_for_a_leftover(
         patch.setattr(time, "monotonic", lambda: later)
         strays.sweep()
     assert not bench.artifacts.exists(name)
-
-
-@pytest.mark.slow
-def test_a_second_worker_goes_on_with_the_stages_of_the_first(
-    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The first is lost when it has made the archive; the other one has nothing of it but the store."""
-    log = tmp_path / "stages.log"
-    monkeypatch.setenv(LOG, str(log))
-    job = bench.add(seed=7)
-    bench.runner.accept(f"{job}.1")
-    outcome = bench.runner.make(job)
-    bench.artifacts.delete(outcome["archive"])
-    settings = dataclasses.replace(bench.settings, data=tmp_path / "other", worker="w2")
-    second = Runner(settings, bench.store, Artifacts(settings.artifacts_url))
-    second.scratch.mkdir(parents=True)
-    assert second.make(job) == outcome
-    assert second.publish(job, outcome) == "published"
-    row = bench.store.get(job)
-    assert row is not None
-    assert bench.artifacts.read(row["archive"]) == archive(row["photo_sha256"], 7)
-    assert log.read_text().count("begin") == 3, "each stage was made once"
-    second.stop()
 
 
 def test_a_store_that_is_gone_is_a_clear_answer_and_no_loss(s3: S3, bench: Bench) -> None:
