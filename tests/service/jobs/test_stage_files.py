@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -157,6 +157,7 @@ def test_a_result_comes_back_to_the_last_bit() -> None:
     assert (back.inner.names, back.score, back.light, back.facts) == (value.inner.names, value.score, None, value.facts)
 
 
+@settings(deadline=None)  # another program may have the processor
 @given(
     hnp.arrays(st.sampled_from([np.float32, np.float64, np.int16, np.bool_]), hnp.array_shapes(max_dims=3, max_side=5))
 )
@@ -177,6 +178,7 @@ def test_numbers_and_containers_keep_their_kind(value: object) -> None:
     assert type(back) is type(value)
 
 
+@settings(deadline=None)  # another program may have the processor
 @given(st.data())
 def test_every_change_and_every_cut_is_noticed(data: st.DataObject) -> None:
     """A torn file after a power cut must be computed again, not believed."""
@@ -201,6 +203,7 @@ def test_what_would_need_pickle_is_refused(value: object) -> None:
         pack(value, KINDS)
 
 
+@settings(deadline=None)  # another program may have the processor
 @given(
     st.lists(
         hnp.arrays(
