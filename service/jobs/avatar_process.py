@@ -18,7 +18,7 @@ from service.jobs.process import Reporter, Task
 from service.jobs.stage_files import FORMAT, KeptStages, kept_types
 from service.options import Options
 from service.photo.bundle import MOST, unbundled
-from service.photo.limits import Limits, read_photo_file
+from service.photo.limits import Limits, read_file
 from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
 from service.stage_cache import NoCache, StageCache
 
@@ -32,7 +32,7 @@ def run(task: Task, reporter: Reporter) -> None:
     Raises:
         AvatarError: as ``service.pipeline.make_avatar``.
     """
-    data = read_photo_file(task.photo, MOST * Limits().max_bytes)
+    data = read_file(task.photo, limit=MOST * Limits().max_bytes)
     if hashlib.sha256(data).hexdigest() != task.photo_sha256:
         raise CorruptImage("the photo was changed on the disk after it was taken; send it again")
     stages: StageCache = NoCache()
