@@ -241,7 +241,8 @@ async def render_avatar(request: Request, tenant: Asking, context: Here) -> Resp
 
 
 def _kit_headers(row: Row) -> dict[str, str]:
-    return {"Content-Disposition": f'attachment; filename="avatar-{row["source"][:8]}-kit.zip"'}
+    tool = json.loads(row["options"])["request"]["for"]
+    return {"Content-Disposition": f'attachment; filename="avatar-{row["source"][:8]}-{tool}.zip"'}
 
 
 exports = routes(EXPORT, ExportJob, "kit", _kit_headers)

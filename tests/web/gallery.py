@@ -2,7 +2,8 @@
 
 Makes a head of the sample photo (or takes an archive of it), opens it in the page itself, and writes what the viewer
 shows, and cuts of the photo, to ``web/gallery``. With ``--docs`` it writes the pictures of ``docs/web.md`` instead, so
-after ``make web``.
+after ``make web``; with ``--people`` portraits of synthetic people with a wide smile and with an open mouth, drawn in
+the page's viewer from heads of high quality, to ``tests/data/people``.
 """
 
 from __future__ import annotations
@@ -13,12 +14,14 @@ import subprocess
 import sys
 import tempfile
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
-from tests.support.browser import PHOTO, ROOT, artists, launched, make_head, set_light, settle
+from tests.support.browser import PHOTO, ROOT, artists, launched, make_head, set_light, set_slider, settle, shapes
 from tests.web.fake_service import serving
 from tests.web.test_access import PHONE
 
@@ -32,7 +35,21 @@ WIDE = (540, 800)
 """Width and height of the two pictures with the slider."""
 QUALITY = 84
 """Of the JPEGs."""
-BACKGROUND = "#canvas { background: radial-gradient(circle at 50% 42%, #fdfdfd, #ccd2d0); border: 0 }"
+PEOPLE = ROOT / "tests" / "data" / "people"
+SIDE = 640
+"""Width and height of a portrait in pixels."""
+SMILE = {
+    "mouthSmileLeft": 1.0, "mouthSmileRight": 0.9, "cheekSquintLeft": 0.9, "cheekSquintRight": 0.8,
+    "mouthUpperUpLeft": 0.5, "mouthUpperUpRight": 0.5, "eyeSquintLeft": 0.4, "eyeSquintRight": 0.4,
+}  # fmt: skip
+SPEECH = {"jawOpen": 0.75, "mouthLowerDownLeft": 0.3, "mouthLowerDownRight": 0.3, "browInnerUp": 0.4}
+PORTRAITS: dict[str, tuple[Path, dict[str, float], tuple[int, int]]] = {
+    "wide_smile": (PHOTO, SMILE, (45, 25)),
+    "mouth_open": (PEOPLE / "open.jpg", SPEECH, (-25, 30)),
+}
+"""Photo, weights of the blendshapes, and where the light stands, degrees to the right of the camera and up."""
+STUDIO = "background: radial-gradient(circle at 50% 42%, #fdfdfd, #ccd2d0)"
+OUTSIDE = "background: linear-gradient(#8fa3ad, #59666e)"
 
 
 def save(picture: Image.Image, name: str, quality: int = QUALITY) -> None:
@@ -58,10 +75,11 @@ def grab(page: Page, size: tuple[int, int]) -> Image.Image:
     return inner.convert("RGB").resize(size, Image.Resampling.LANCZOS)
 
 
-def framed(page: Page, width: int, height: int) -> None:
+def framed(page: Page, width: int, height: int, background: str = STUDIO) -> None:
     """Make the view that large, in pixels of the page."""
     page.add_style_tag(
-        content=f"{BACKGROUND} #view {{ width: {width}px !important; height: {height}px !important; border: 0 }}"
+        content=f"#canvas {{ {background}; border: 0 }}"
+        f"#view {{ width: {width}px !important; height: {height}px !important; border: 0 }}"
         "#view, #canvas { border-radius: 0 !important; outline: 0 !important; min-height: 0 }"
         "#reset-view, #inset, .wipe-line, .wipe-tag { display: none !important }"
     )
@@ -157,30 +175,61 @@ def shoot(page: Page, name: str, **wishes: Any) -> None:
     picture.save(ROOT / "docs" / f"web-{name}.jpg", quality=QUALITY, optimize=True, progressive=True)
 
 
+@contextmanager
+def made(photo: Path, *flags: str) -> Iterator[Path]:
+    """An archive of the head of a photo."""
+    with tempfile.TemporaryDirectory() as folder:
+        archive = Path(folder) / "head.zip"
+        subprocess.run(
+            [sys.executable, "-m", "service", "make", str(photo), "-o", str(archive), *flags], cwd=ROOT, check=True
+        )
+        yield archive
+
+
+@contextmanager
+def shown(archive: Path, sharpness: int) -> Iterator[Page]:
+    """The page with the head of an archive."""
+    with launched() as browser, serving(archive, step_s=0.05) as fake:
+        page = browser.new_page(
+            viewport={"width": 1200, "height": 900}, device_scale_factor=sharpness, reduced_motion="reduce",
+            bypass_csp=True,
+        )  # fmt: skip
+        page.set_default_timeout(300_000)
+        page.goto(fake.address)
+        make_head(page)
+        yield page
+
+
+def portraits() -> None:
+    """People with an expression that no portrait there has."""
+    for name, (photo, weights, light) in PORTRAITS.items():
+        with made(photo, "--size", "3072x2048") as archive, shown(archive, 1) as page:
+            framed(page, SIDE + 4, SIDE + 4, OUTSIDE)
+            page.check("input[name=preset][value=neutral]", force=True)
+            shapes(page)
+            for shape, value in weights.items():
+                set_slider(page, f"shape-{shape}", value)
+            set_light(page, *light)
+            grab(page, (SIDE, SIDE)).save(PEOPLE / f"{name}.jpg", quality=92)
+
+
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--archive", type=Path, help="a head of the sample photo that is made already")
     parser.add_argument("--docs", action="store_true", help="write the pictures of docs/web.md instead")
+    parser.add_argument("--people", action="store_true", help="write two portraits of tests/data/people instead")
     given = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        archive = given.archive or Path(folder) / "sample.zip"
-        if not given.archive:
-            subprocess.run(
-                [sys.executable, "-m", "service", "make", str(PHOTO), "-o", str(archive)], cwd=ROOT, check=True
-            )
-        with launched() as browser, serving(archive, step_s=0.05) as fake:
-            if given.docs:
+    if given.people:
+        return portraits()
+    with nullcontext(given.archive) if given.archive else made(PHOTO) as archive:
+        if given.docs:
+            with launched() as browser, serving(archive, step_s=0.05) as fake:
                 return screens(browser, fake.address)
-            OUT.mkdir(parents=True, exist_ok=True)
-            cuts_of_the_photo()
-            charts(archive)
-            page = browser.new_page(
-                viewport={"width": 1200, "height": 900}, device_scale_factor=2, reduced_motion="reduce", bypass_csp=True
-            )
-            page.set_default_timeout(300_000)
-            page.goto(fake.address)
-            make_head(page)
+        OUT.mkdir(parents=True, exist_ok=True)
+        cuts_of_the_photo()
+        charts(archive)
+        with shown(archive, 2) as page:
             take(page)
 
 

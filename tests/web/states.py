@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from tests.support.browser import PHOTO, artists, make_head, settle, shapes, submit
-from tests.web.fake_service import Fake, problem
+from tests.web.fake_service import STATIC, Fake, problem
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -31,6 +31,14 @@ def before(page: Page, fake: Fake) -> Iterator[str]:
     page.set_input_files("#file", PHOTO)
     page.wait_for_selector("#thumbs img")
     yield "photo and options"
+    page.set_input_files("#file", STATIC / "sample.jpg")
+    page.wait_for_selector("#thumbs li >> nth=1")
+    yield "several photos"
+    page.click("#guide-open")
+    page.wait_for_selector("#guide[open]")
+    yield "guide"
+    page.click("#guide-close")
+    page.get_by_role("button", name="Take sample.jpg away").click()
     page.uncheck("#maps-choices input >> nth=0")
     page.check("input[name=which][value=all]")
     fake.error = problem("no-face", 422, "No face in the photo", "no face was found")

@@ -42,5 +42,5 @@ def test_axe_finds_no_violation(screen: str, fake: Fake, open_page: Opener) -> N
             assert found["passed"] > 10, f"{name}: axe looked at nothing"
             wrong += [f"{name}: {text}" for text in found["wrong"]]
             seen.append(name)
-    assert len(seen) == 12
+    assert len(seen) == 14
     assert not wrong, "\n".join(wrong)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from tests.support.browser import PHOTO, Opener, settle
+from tests.web.archives import rewritten
 from tests.web.fake_service import STATIC, Fake, problem, serving
 
 if TYPE_CHECKING:
@@ -73,28 +72,22 @@ def test_of_several_photos_the_one_that_is_refused_is_named(fake: Fake, open_pag
     assert page.locator("#thumbs .bad img").get_attribute("alt") == OTHER.name
 
 
-@pytest.fixture
-def two_photos(archive: Path, tmp_path: Path) -> Path:
-    """The archive as if another photo had been given before its own, and a third were of no use."""
-    with zipfile.ZipFile(archive) as source, zipfile.ZipFile(tmp_path / "two.zip", "w") as target:
-        for name in source.namelist():
-            with source.open(name) as old, target.open(name, "w") as new:
-                if name != "manifest.json":
-                    shutil.copyfileobj(old, new)
-                    continue
-                manifest: dict[str, Any] = json.load(old)
-                (first,) = manifest["photos"]
-                camera = {**first["camera"], "yaw_pitch_roll_deg": [34.0, 0, 0]}
-                other = {**first, "sha256": hashlib.sha256(OTHER.read_bytes()).hexdigest(), "camera": camera}
-                first["texture_share"], other["texture_share"], other["used_for"] = 0.6, 0.4, ["shape", "texture"]
-                unused = {"sha256": "0" * 64, "code": "no-face", "message": "no face was found"}
-                manifest |= {"photos": [first, other], "left_out": [unused]}
-                new.write(json.dumps(manifest).encode())
-    return tmp_path / "two.zip"
+def two_photos(name: str, data: bytes) -> bytes:
+    """The manifest as if another photo had been given before its own, and a third were of no use."""
+    if name != "manifest.json":
+        return data
+    manifest: dict[str, Any] = json.loads(data)
+    (first,) = manifest["photos"]
+    camera = {**first["camera"], "yaw_pitch_roll_deg": [34.0, 0, 0]}
+    other = {**first, "sha256": hashlib.sha256(OTHER.read_bytes()).hexdigest(), "camera": camera}
+    first["texture_share"], other["texture_share"], other["used_for"] = 0.6, 0.4, ["shape", "texture"]
+    unused = {"sha256": "0" * 64, "code": "no-face", "message": "no face was found"}
+    return json.dumps(manifest | {"photos": [first, other], "left_out": [unused]}).encode()
 
 
-def test_which_photo_was_used_for_what(two_photos: Path, open_page: Opener) -> None:
-    with serving(two_photos, step_s=0.05) as fake:
+def test_which_photo_was_used_for_what(archive: Path, tmp_path: Path, open_page: Opener) -> None:
+    rewritten(archive, tmp_path / "two.zip", two_photos)
+    with serving(tmp_path / "two.zip", step_s=0.05) as fake:
         page = open_page(fake.address)
         page.set_input_files("#file", [OTHER, PHOTO])
         page.click("#go")

@@ -88,8 +88,9 @@ def test_comparing_ends_where_it_began(made: Page) -> None:
 def test_what_there_is_to_download(made: Page, archive: Path) -> None:
     with zipfile.ZipFile(archive) as opened:
         glb = opened.read("mesh/head.glb")
-    kits = {tool: (f"head-for-{tool}.zip", KIT) for tool in ("blender", "unreal", "unity", "maya")}
-    files = {"glb": ("head.glb", glb), "all": ("avatar.zip", archive.read_bytes()), **kits}
+    name = f"avatar-{made.url.partition('=')[2][:8]}"
+    kits = {tool: (f"{name}-{tool}.zip", KIT) for tool in ("blender", "unreal", "unity", "maya")}
+    files = {"glb": ("head.glb", glb), "all": (f"{name}.zip", archive.read_bytes()), **kits}
     for choice, wanted in files.items():
         made.check(f"input[name=kit][value={choice}]")
         with made.expect_download() as saved:

@@ -20,6 +20,11 @@ export function make<K extends keyof HTMLElementTagNameMap>(
   return element;
 }
 
+/** A radio button or checkbox inside its label; the class says how it is drawn. */
+export function choice(kind: string, input: Record<string, string | boolean>, ...words: Child[]): HTMLLabelElement {
+  return make("label", { class: kind }, make("input", { type: "radio", ...input }), make("span", {}, ...words));
+}
+
 export function bytes(count: number): string {
   if (count < 1e5) return `${Math.max(1, Math.round(count / 1e3))} kB`;
   return count < 1e7 ? `${(count / 1e6).toFixed(1)} MB` : `${Math.round(count / 1e6)} MB`;

@@ -3,7 +3,7 @@
 import type { Options } from "./api";
 import { guided, hasCamera } from "./camera";
 import { chosen, offered, pickers } from "./choices";
-import { byId, make, words } from "./dom";
+import { byId, choice, make, words } from "./dom";
 import { thumbnail } from "./panel/photos";
 import type { Problem } from "./problem";
 import { noteOnTimes, timeInWords, withMorePhotos, withoutReflectance, type Expected, type Level } from "./times";
@@ -170,10 +170,10 @@ export class Intake {
     const usual = levels.find((level) => level.name === USUAL) ?? levels[0];
     byId("quality-choices").replaceChildren(
       ...levels.map((level) => {
-        const input = make("input", { type: "radio", name: "quality", value: level.name, checked: level === usual });
         const time = make("span", { class: "time" }, timeInWords(level.expected));
         const about = [ABOUT[level.name], level.size.join("\u00a0×\u00a0")].filter(Boolean).join(", ");
-        return make("label", { class: "choice" }, input, make("span", {}, make("b", {}, words(level.name)), time, make("small", {}, about)));
+        const input = { name: "quality", value: level.name, checked: level === usual };
+        return choice("choice", input, make("b", {}, words(level.name)), time, make("small", {}, about));
       }),
     );
     byId("quality-note").textContent = noteOnTimes(levels);
@@ -190,10 +190,7 @@ export class Intake {
 
   private offerMaps(): void {
     byId("maps-choices").append(
-      ...MAPS.map((name) => {
-        const input = make("input", { type: "checkbox", name: "maps", value: name, checked: true });
-        return make("label", { class: "check" }, input, make("span", {}, words(name)));
-      }),
+      ...MAPS.map((value) => choice("check", { type: "checkbox", name: "maps", value, checked: true }, words(value))),
     );
     byId("maps").addEventListener("change", () => {
       const which = new FormData(byId<HTMLFormElement>("intake")).get("which");

@@ -86,7 +86,7 @@ def test_a_kit_is_that_of_the_command_line_and_made_once(api: Api, archive: Path
 
     answer = api.client.get(job["links"]["kit"])
     assert (answer.status_code, answer.headers["content-type"]) == (200, "application/zip")
-    assert f"avatar-{avatar[:8]}-kit.zip" in answer.headers["content-disposition"]
+    assert f"avatar-{avatar[:8]}-blender.zip" in answer.headers["content-disposition"]
     local = export_kit(archive, "blender", tmp_path / "kit")
     with zipfile.ZipFile(io.BytesIO(answer.content)) as kit:
         assert {name: kit.read(name) for name in kit.namelist()} == {

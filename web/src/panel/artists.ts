@@ -1,7 +1,7 @@
 // For artists: the maps, the mesh, the numbers, every file.
 
 import type { Job } from "../api";
-import { bytes, make } from "../dom";
+import { bytes, choice, make } from "../dom";
 import type { Manifest } from "../viewer/manifest";
 import type { MapStore } from "../viewer/maps";
 import type { HeadScene } from "../viewer/scene";
@@ -24,9 +24,9 @@ export function artistsPanel(
 }
 
 function wireframe(scene: HeadScene): HTMLElement {
-  const input = make("input", { type: "checkbox", id: "wireframe" });
-  input.addEventListener("change", () => scene.wireframe(input.checked));
-  return make("label", { class: "switch" }, input, make("span", {}, "Wireframe"));
+  const label = choice("switch", { type: "checkbox", id: "wireframe" }, "Wireframe");
+  label.addEventListener("change", () => scene.wireframe((label.control as HTMLInputElement).checked));
+  return label;
 }
 
 function part(id: string, title: string, content: HTMLElement): HTMLElement {

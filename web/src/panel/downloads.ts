@@ -1,18 +1,17 @@
 // What to download: a chooser, and how it gets to the disk.
 
 import { apiKey, downloaded, exported, request, type Job } from "../api";
-import { byId, bytes, make } from "../dom";
+import { byId, bytes, choice, make } from "../dom";
 import { Fault, type Problem } from "../problem";
 import type { Manifest } from "../viewer/manifest";
 import { HEAD, kitsOf, type Kit } from "./kits";
 
 /** `gone` is told when the files are no longer there. */
 export function downloads(job: Job, manifest: Manifest, gone: (problem: Problem) => void, signal: AbortSignal): HTMLElement {
-  const kits = kitsOf(manifest);
+  const kits = kitsOf(manifest, job.id);
   const choices = kits.map((kit, index) => {
-    const input = make("input", { type: "radio", name: "kit", value: kit.id, checked: index === 0 });
     const title = make("b", {}, kit.title, kit.size ? make("span", { class: "time" }, bytes(kit.size)) : "");
-    return make("label", { class: "choice" }, input, make("span", {}, title, make("small", {}, kit.about)));
+    return choice("choice", { name: "kit", value: kit.id, checked: index === 0 }, title, make("small", {}, kit.about));
   });
   const list = make("div", { class: "choices kits", role: "radiogroup", "aria-labelledby": "download-title" }, ...choices);
   const button = make("button", { type: "button", class: "primary big", id: "download" }, "Download");

@@ -1,6 +1,6 @@
 // Expressions: presets, a loop in which the head looks alive, and a slider for each of the ARKit blendshapes.
 
-import { make, words } from "../dom";
+import { choice, make, words } from "../dom";
 import { Motion, type Weights } from "../viewer/motion";
 import type { HeadScene } from "../viewer/scene";
 import { group, slider, type Slider } from "./group";
@@ -39,9 +39,9 @@ function chipsOf(photo: Weights, chosen: (weights: Weights) => void): HTMLElemen
   const list = make("div", { class: "chips", role: "radiogroup", "aria-label": "Expression" });
   const choices: typeof PRESETS = [["photo", "As in the photo", photo], ...PRESETS];
   for (const [id, title, weights] of choices) {
-    const input = make("input", { type: "radio", name: "preset", value: id, checked: id === "photo" });
-    input.addEventListener("change", () => chosen(weights));
-    list.append(make("label", { class: `chip ${id}` }, input, make("span", {}, title)));
+    const chip = choice(`chip ${id}`, { name: "preset", value: id, checked: id === "photo" }, title);
+    chip.addEventListener("change", () => chosen(weights));
+    list.append(chip);
   }
   return list;
 }

@@ -21,7 +21,9 @@ const TOOLS = {
   maya: ["Maya", "USD, levels of detail, Arnold maps"],
 } as const;
 
-export function kitsOf(manifest: Manifest): Kit[] {
+/** Names are those that the server gives, which a browser prefers. */
+export function kitsOf(manifest: Manifest, job: string): Kit[] {
+  const name = `avatar-${job.slice(0, 8)}`;
   const glb = manifest.files.find((file) => file.path === HEAD);
   const all = manifest.files.reduce((sum, file) => sum + file.size, 0);
   const widest = manifest.maps.reduce((best, map) => (map.width > best.width ? map : best), { width: 0, height: 0 });
@@ -30,8 +32,8 @@ export function kitsOf(manifest: Manifest): Kit[] {
   if (glb) {
     kits.push({ id: "glb", title: "GLB only", about: "One file for web pages, games and viewers", name: "head.glb", from: "file", size: glb.size });
     for (const [id, [title, about]] of Object.entries(TOOLS))
-      kits.push({ id, title: `For ${title}`, about: `${about}${maps}`, name: `head-for-${id}.zip`, from: "export" });
+      kits.push({ id, title: `For ${title}`, about: `${about}${maps}`, name: `${name}-${id}.zip`, from: "export" });
   }
-  kits.push({ id: "all", title: "All files", about: "Also OBJ, USD, previews, measurements", name: "avatar.zip", from: "archive", size: all });
+  kits.push({ id: "all", title: "All files", about: "Also OBJ, USD, previews, measurements", name: `${name}.zip`, from: "archive", size: all });
   return kits;
 }

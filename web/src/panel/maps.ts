@@ -1,6 +1,6 @@
 // Switches of the maps: lit by all of them, or one as it is. Part of "For artists".
 
-import { byId, bytes, make, words } from "../dom";
+import { byId, bytes, choice, make, words } from "../dom";
 import type { MapStore } from "../viewer/maps";
 import type { HeadScene } from "../viewer/scene";
 import { MapSurface, PLAIN, type Surface } from "../viewer/skin";
@@ -69,8 +69,8 @@ export function mapsPart(scene: HeadScene, store: MapStore, signal: AbortSignal)
     }
   };
 
-  list.append(choice("lit", "Lit", true));
-  for (const map of store.maps) list.append(choice(map.role, TITLES[map.role] ?? words(map.role), false));
+  list.append(choice("choice", { name: "view", value: "lit", checked: true }, "Lit"));
+  for (const { role: value } of store.maps) list.append(choice("choice", { name: "view", value }, TITLES[value] ?? words(value)));
   part.append(list, about, lit.box);
   part.addEventListener("change", () => void apply());
   void apply();
@@ -103,9 +103,10 @@ function toggle(box: HTMLElement, store: MapStore, id: string, label: string, ro
   const there = roles.filter((role) => store.entry(role));
   if (!there.length) return null;
   const size = there.reduce((sum, role) => sum + store.entry(role)!.size, 0);
-  const input = make("input", { type: "checkbox", id, checked: there.every((role) => store.light(role)) });
-  box.append(make("label", { class: "switch" }, input, make("span", {}, label), make("small", {}, bytes(size))));
-  return input;
+  const made = choice("switch", { type: "checkbox", id, checked: there.every((role) => store.light(role)) }, label);
+  made.append(make("small", {}, bytes(size)));
+  box.append(made);
+  return made.control as HTMLInputElement;
 }
 
 async function surfaceOf(store: MapStore, chosen: Chosen, signal: AbortSignal): Promise<Surface> {
@@ -127,11 +128,6 @@ async function mapOf(store: MapStore, role: string, signal: AbortSignal): Promis
   // Codes go to the screen as they are: decoded as sRGB, then coded again by the renderer.
   const texture = await store.texture(role, role === "confidence" ? "data" : "srgb", signal);
   return { make: () => new MapSurface(texture, role) };
-}
-
-function choice(value: string, title: string, checked: boolean): HTMLElement {
-  const input = make("input", { type: "radio", name: "view", value, checked });
-  return make("label", { class: "choice" }, input, make("span", {}, title));
 }
 
 function legend(view: string): void {

@@ -1,6 +1,6 @@
 // Pictures and films of the head as it is shown, and what is behind it.
 
-import { byId, make } from "../dom";
+import { byId, choice, make } from "../dom";
 import type { HeadScene } from "../viewer/scene";
 import { save } from "./downloads";
 import { group } from "./group";
@@ -47,12 +47,12 @@ export function picturesPanel(scene: HeadScene, signal: AbortSignal): HTMLElemen
     row.append(film);
   }
   const chips = BACKGROUNDS.map(([title, colour]) => {
-    const input = make("input", { type: "radio", name: "background", value: colour, checked: !colour });
-    input.addEventListener("change", () => {
+    const chip = choice("chip", { name: "background", value: colour, checked: !colour }, title);
+    chip.addEventListener("change", () => {
       scene.background(colour.startsWith("#") ? colour : null);
       byId("view").classList.toggle("checkered", colour === "none");
     });
-    return make("label", { class: "chip" }, input, make("span", {}, title));
+    return chip;
   });
   panel.body.append(row, make("div", { class: "chips", role: "radiogroup", "aria-label": "Background" }, ...chips));
   return panel.element;

@@ -36,7 +36,9 @@ const WARNINGS: Record<string, string> = {
 
 export function summary(job: Job, manifest: Manifest): HTMLElement {
   const section = make("section", { class: "summary", "aria-labelledby": "summary-title" });
-  const verdicts = [faceInWords(manifest.fit?.identity_similarity ?? null), ...(manifest.hair ? [hairInWords(manifest.hair)] : [])];
+  const { hair, options } = manifest;
+  const verdicts = [faceInWords(manifest.fit?.identity_similarity ?? null)];
+  if (hair) verdicts.push(hairInWords(hair, (options?.hair ?? "auto") !== "auto"));
   const title = make("h2", { id: "summary-title" }, ...verdicts.map((text) => make("span", {}, text)));
   section.append(title, make("p", {}, manifest.fit ? sentences(manifest.fit) : "Made from a texture and a mesh."));
   const codes = new Set([...job.warnings, ...(manifest.fit?.warnings ?? []), ...(manifest.warnings ?? []), ...(manifest.hair?.doubts ?? [])]);
@@ -53,8 +55,9 @@ function faceInWords(likeness: Likeness | null): string {
   return likeness.distance <= likeness.impostor.distance_p05 ? "Face: somewhat like the photo" : "Face: not much like the photo";
 }
 
-function hairInWords({ kind, agreement, doubts }: Hair): string {
+function hairInWords({ kind, agreement, doubts }: Hair, asked: boolean): string {
   const name = words(kind).toLowerCase();
+  if (asked) return `Hair: ${name}, as chosen`;
   if (!agreement) return `Hair: ${name}, not compared`;
   const like = agreement >= HAIR_LIKE && !doubts.length ? "like the photo" : agreement >= HAIR_LIKE / 2 ? "roughly like the photo" : "unlike the photo";
   return `Hair: ${name}, ${like}`;
