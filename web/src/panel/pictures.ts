@@ -37,7 +37,7 @@ export function picturesPanel(scene: HeadScene, signal: AbortSignal): HTMLElemen
       spin(true);
       void recorded(byId<HTMLCanvasElement>("canvas"), type, signal)
         .then((blob) => save(URL.createObjectURL(blob), `head.${type.split("/")[1]}`))
-        .catch(() => undefined)
+        .catch((error: Error) => signal.aborted || (byId("view-status").textContent = `The film could not be saved: ${error.message}`))
         .finally(() => {
           spin(false);
           film.disabled = false;
@@ -70,9 +70,13 @@ function recorded(canvas: HTMLCanvasElement, mimeType: string, signal: AbortSign
     const recorder = new MediaRecorder(canvas.captureStream(30), { mimeType, videoBitsPerSecond: 12_000_000 });
     const parts: Blob[] = [];
     recorder.ondataavailable = (event) => parts.push(event.data);
-    recorder.onstop = () => (signal.aborted ? reject(signal.reason) : resolve(new Blob(parts, { type: mimeType })));
+    recorder.onstop = () => {
+      const film = new Blob(parts, { type: mimeType });
+      if (film.size && !signal.aborted) resolve(film);
+      else reject(signal.reason ?? new Error("this browser recorded nothing"));
+    };
     recorder.onerror = () => reject(new Error("the film could not be recorded"));
-    recorder.start();
+    recorder.start(1000); // in pieces: an encoder that lags would give nothing at the end
     const timer = window.setTimeout(() => recorder.stop(), 1000 * TURN_S);
     signal.addEventListener("abort", () => (window.clearTimeout(timer), recorder.stop()), { once: true });
   });
