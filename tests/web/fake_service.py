@@ -5,17 +5,26 @@ It serves the built page, takes photos, moves a job through its stages on a cloc
 
 from __future__ import annotations
 
+import asyncio
 import json
 import mimetypes
+import socket
 import threading
 import time
 import zipfile
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
 
 from service.api.front import SECURITY_HEADERS
 
@@ -115,155 +124,107 @@ def problem(code: str, status: int, title: str, detail: str, **extra: Any) -> di
     return {**extra, "type": f"/problems/{code}", "title": title, "status": status, "detail": detail, "code": code}
 
 
-class Handler(BaseHTTPRequestHandler):
-    """One request."""
+def refused(content: dict[str, Any]) -> Response:
+    return JSONResponse(content, content["status"], media_type="application/problem+json")
 
-    fake: Fake
-    protocol_version = "HTTP/1.1"
 
-    def log_message(self, format: str, *args: Any) -> None:
-        """Nothing: the tests read ``fake.requests``."""
+def application(fake: Fake) -> Starlette:
+    """The interface, as far as the page uses it, and the built page."""
 
-    def do_GET(self) -> None:
-        path = self._begin()
-        page = STATIC / (path[1:] or "index.html")
-        if page.is_file() and page.resolve().is_relative_to(STATIC):
-            return self._send(200, str(mimetypes.guess_type(page.name)[0]), page.read_bytes())
-        if not self._allowed():
-            return None
-        if path == "/v1/quality":
-            return self._json(200, self.fake.quality)
-        if path.startswith("/v1/exports/"):
-            avatar, tool, *file = path.removeprefix("/v1/exports/").split("/")
-            ready = self._export(avatar, tool, "succeeded")
-            return self._send(200, "application/zip", KIT) if file else self._json(200, ready)
-        name, _, rest = path.removeprefix("/v1/avatars/").partition("/")
-        if name in self.fake.gone:
-            return self._problem(problem("gone", 410, "Gone", "It is gone.", reason=self.fake.gone[name]))
-        if name not in self.fake.jobs or name in self.fake.deleted:
-            return self._problem(problem("not-found", 404, "Not found", "There is no such avatar."))
+    async def front(request: Request, go_on: RequestResponseEndpoint) -> Response:
+        path = request.url.path
+        fake.requests.append((request.method, path, dict(request.headers)))
+        if path.startswith("/v1") and fake.key and request.headers.get("authorization") != f"Bearer {fake.key}":
+            answer = refused(
+                problem("unauthorized", 401, "A key is needed", "Send the access key that you were given.")
+            )
+        else:
+            answer = await go_on(request)
+        answer.headers.update(SECURITY_HEADERS)
+        return answer
+
+    async def quality(request: Request) -> Response:
+        return JSONResponse(fake.quality)
+
+    async def post(request: Request) -> Response:
+        form = await request.form()
+        if fake.refuse is not None:
+            content, fake.refuse = fake.refuse, None
+            return refused(content)
+        options, *photos = [await part.read() for _, part in form.multi_items() if not isinstance(part, str)]
+        name = fake.post(json.loads(options), photos)
+        return JSONResponse(fake.state(name, 1), 202, {"Location": f"/v1/avatars/{name}"})
+
+    async def export(request: Request) -> Response:
+        wish = await request.json() if request.method == "POST" else request.path_params
+        place = f"/v1/exports/{wish['avatar']}/{wish['for']}"
+        state, status = ("running", 202) if request.method == "POST" else ("succeeded", 200)
+        links = {"self": place, "kit": f"{place}/kit.zip"}
+        return JSONResponse({"id": wish["for"], "state": state, "error": None, "links": links}, status)
+
+    async def kit(request: Request) -> Response:
+        return Response(KIT, media_type="application/zip")
+
+    async def avatar(request: Request) -> Response:
+        name, rest = request.path_params["name"], request.path_params.get("rest", "")
+        if request.method == "DELETE":
+            fake.deleted.append(name)
+            return Response(status_code=204)
+        if name in fake.gone:
+            return refused(problem("gone", 410, "Gone", "It is gone.", reason=fake.gone[name]))
+        if name not in fake.jobs or name in fake.deleted or (rest == "events" and not fake.streams):
+            return refused(problem("not-found", 404, "Not found", "There is no such thing."))
         if not rest:
-            return self._json(200, self.fake.state(name, self.fake.count(name)))
+            return JSONResponse(fake.state(name, fake.count(name)))
         if rest == "events":
-            return self._events(name) if self.fake.streams else self._problem(problem("gone", 404, "No", "No."))
+            at = int(request.headers.get("last-event-id") or 0)
+            return StreamingResponse(events(fake, name, at), media_type="text/event-stream")
         if rest == "archive.zip":
-            return self._send(200, "application/zip", self.fake.archive.read_bytes())
-        return self._member(rest.removeprefix("files/"))
+            return Response(fake.archive.read_bytes(), media_type="application/zip")
+        with zipfile.ZipFile(fake.archive) as archive:
+            path = rest.removeprefix("files/")
+            return Response(archive.read(path), media_type=mimetypes.guess_type(path)[0] or "application/octet-stream")
 
-    def do_HEAD(self) -> None:
-        self.do_GET()
-
-    def do_POST(self) -> None:
-        self._begin()
-        body = self.rfile.read(int(self.headers["Content-Length"]))
-        if not self._allowed():
-            return None
-        if self.fake.refuse is not None:
-            content, self.fake.refuse = self.fake.refuse, None
-            return self._problem(content)
-        if self.path == "/v1/exports":
-            wish = json.loads(body)
-            return self._json(202, self._export(wish["avatar"], wish["for"], "running"))
-        parts = _parts(body, self.headers["Content-Type"])
-        name = self.fake.post(json.loads(parts["options"][0]), parts["image"])
-        return self._json(202, self.fake.state(name, 1), {"Location": f"/v1/avatars/{name}"})
-
-    def do_DELETE(self) -> None:
-        self.fake.deleted.append(self._begin().removeprefix("/v1/avatars/"))
-        self._send(204, "", b"")
-
-    @staticmethod
-    def _export(avatar: str, tool: str, state: str) -> dict[str, Any]:
-        address = f"/v1/exports/{avatar}/{tool}"
-        return {"id": tool, "state": state, "error": None, "links": {"self": address, "kit": f"{address}/kit.zip"}}
-
-    def _begin(self) -> str:
-        path = self.path.partition("?")[0]
-        self.fake.requests.append((self.command, path, {k.lower(): v for k, v in self.headers.items()}))
-        return path
-
-    def _allowed(self) -> bool:
-        if not self.fake.key or self.headers.get("Authorization") == f"Bearer {self.fake.key}":
-            return True
-        self._problem(problem("unauthorized", 401, "A key is needed", "Send the access key that you were given."))
-        return False
-
-    def _events(self, name: str) -> None:
-        at = int(self.headers.get("Last-Event-ID") or 0)
-        self.send_response(200)
-        self.send_header("Content-Type", "text/event-stream")
-        self.send_header("Connection", "close")
-        self.end_headers()
-        self.close_connection = True
-        sent = 0
-        while at < len(STAGES) + 2 and sent < self.fake.cut_after:
-            if at >= self.fake.count(name):
-                time.sleep(self.fake.step_s / 4)
-                continue
-            at, sent = at + 1, sent + 1
-            state = self.fake.state(name, at)
-            kind = "progress" if state["state"] == "running" else "state"
-            data = state if kind == "state" else {"stage": state["stage"], "progress": state["progress"]}
-            text = f"id: {at}\nevent: {kind}\ndata: {json.dumps({**data, 'state': state['state']})}\n\n"
-            try:
-                self.wfile.write(text.encode())
-            except OSError:  # the page went away
-                return
-
-    def _member(self, path: str) -> None:
-        with zipfile.ZipFile(self.fake.archive) as archive:
-            if path not in archive.namelist():
-                return self._problem(problem("not-found", 404, "Not found", f"There is no {path}."))
-            return self._send(200, mimetypes.guess_type(path)[0] or "application/octet-stream", archive.read(path))
-
-    def _json(self, status: int, content: object, headers: dict[str, str] | None = None) -> None:
-        self._send(status, "application/json", json.dumps(content).encode(), headers)
-
-    def _problem(self, content: dict[str, Any]) -> None:
-        self._send(content["status"], "application/problem+json", json.dumps(content).encode())
-
-    def _send(self, status: int, kind: str, body: bytes, headers: dict[str, str] | None = None) -> None:
-        self.send_response(status)
-        for name, value in {
-            "Content-Type": kind,
-            "Content-Length": str(len(body)),
-            **SECURITY_HEADERS,
-            **(headers or {}),
-        }.items():
-            self.send_header(name, value)
-        self.end_headers()
-        if self.command != "HEAD":
-            self.wfile.write(body)
+    routes = [
+        Route("/v1/quality", quality),
+        Route("/v1/avatars", post, methods=["POST"]),
+        Route("/v1/avatars/{name}", avatar, methods=["GET", "DELETE"]),
+        Route("/v1/avatars/{name}/{rest:path}", avatar),
+        Route("/v1/exports", export, methods=["POST"]),
+        Route("/v1/exports/{avatar}/{for}", export),
+        Route("/v1/exports/{avatar}/{for}/kit.zip", kit),
+        Mount("/", StaticFiles(directory=STATIC, html=True)),
+    ]
+    made = Starlette(routes=routes)
+    made.add_middleware(BaseHTTPMiddleware, dispatch=front)
+    return made
 
 
-def _parts(body: bytes, kind: str) -> dict[str, list[bytes]]:
-    """Parts of a multipart body by name."""
-    parts: dict[str, list[bytes]] = {}
-    for part in body.split(b"--" + kind.partition("boundary=")[2].encode())[1:-1]:
-        head, _, content = part.partition(b"\r\n\r\n")
-        name = head.partition(b'name="')[2].partition(b'"')[0].decode()
-        parts.setdefault(name, []).append(content.removesuffix(b"\r\n"))
-    return parts
-
-
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Browsers drop connections as they like."""
+async def events(fake: Fake, name: str, at: int) -> AsyncIterator[str]:
+    """Server-sent events of a job after the first ``at``."""
+    for _ in range(fake.cut_after):
+        if at == len(STAGES) + 2:
+            return
+        while at >= fake.count(name):
+            await asyncio.sleep(fake.step_s / 4)
+        at += 1
+        state = fake.state(name, at)
+        running = state["state"] == "running"
+        data = {key: state[key] for key in ("state", "stage", "progress")} if running else state
+        yield f"id: {at}\nevent: {'progress' if running else 'state'}\ndata: {json.dumps(data)}\n\n"
 
 
 @contextmanager
 def serving(archive: Path, **wishes: Any) -> Iterator[Fake]:
     """The stand-in on a free port of this machine."""
     fake = Fake(archive, **wishes)
-    server = _Server(("127.0.0.1", 0), type("Bound", (Handler,), {"fake": fake}))
-    fake.address = f"http://127.0.0.1:{server.server_port}"
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
-    thread.start()
-    try:
-        yield fake
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        fake.address = f"http://127.0.0.1:{door.getsockname()[1]}"
+        server = uvicorn.Server(uvicorn.Config(application(fake), log_level="error", lifespan="off"))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [door]}, daemon=True)
+        thread.start()
+        try:
+            yield fake
+        finally:
+            server.should_exit = server.force_exit = True
+            thread.join()
