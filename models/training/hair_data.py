@@ -152,9 +152,9 @@ def spoilt(picture: Image, inside: Image, rng: np.random.Generator) -> tuple[Ima
         done, data = cv2.imencode(".jpg", picture.astype(np.uint8), quality)
         coded = cv2.imdecode(data, cv2.IMREAD_COLOR) if done else None
         picture = picture if coded is None else coded
-    if rng.random() < 0.4:  # photos end, mostly at the sides or above and below
+    if rng.random() < 0.5:  # photos end, at some sides or, cut to the head, at all of them
         low, high = rng.uniform(0, 0.28, 2), 1 - rng.uniform(0, 0.35, 2)
-        keep = rng.random(4) < 0.5
+        keep = rng.random(4) < (0.5 if rng.random() < 0.6 else 0.95)
         x0, y0 = (np.where(keep[:2], low, 0) * SIDE).astype(int)
         x1, y1 = (np.where(keep[2:], high, 1) * SIDE).astype(int)
         frame = np.zeros((SIDE, SIDE), np.float32)

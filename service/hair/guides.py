@@ -36,6 +36,8 @@ SIDES_RAD = 0.85
 """Azimuth at which front becomes side; side becomes back at pi minus it."""
 
 
+WISPS_EDGE, WISP_M, WISP_LENGTHS_M = 0.45, 0.007, (0.04, 0.2)
+"""How far from the hairline wisps come loose, the width of one, and their lengths."""
 NAPE_M = (-0.095, -0.06)
 """Heights in the head's frame up to which nothing grows on the nape, and from which on hair is full; fluff between."""
 
@@ -132,6 +134,8 @@ def combed(style: Style, points: Float32, outwards: Float32, side: Float32, frin
     return unit(along)
 
 
+PARTED = 0.5
+"""How far hair that is tied behind leaves its parting sideways, over how far it goes straight to the tie."""
 PARTINGS_M = {"none": 0.0, "middle": 0.0, "left": 0.028, "right": -0.028}
 """Where a parting lies, metres to the subject's left."""
 
@@ -158,6 +162,8 @@ def grow_guides(
     guides = np.zeros((len(roots), GUIDE_POINTS, 3), np.float32)
     if style.gather != "none":
         free = ~_tied(style, roots)
+        if style.gather not in ("half_up", "pinned"):
+            length = np.where(free, np.minimum(length, rng.uniform(*WISP_LENGTHS_M, len(roots))), length)
         if (~free).any():
             guides[~free] = _gathered(style, roots.chosen(~free), length[~free], skin, rng)
     if free.any():
@@ -248,12 +254,15 @@ def _cut(style: Style, guides: Float32, rng: np.random.Generator) -> Float32:
 
 
 def _tied(style: Style, roots: Roots) -> Bool:
-    """(N,) whether strands reach the tie: all, the upper ones of a half-up, the front ones where it is pinned back."""
+    """(N,) whether strands reach the tie: all but wisps, the upper ones of a half-up, the front ones where pinned."""
     if style.gather == "half_up":
         return np.asarray(roots.elevation > 0.35)
     if style.gather == "pinned":
         return np.asarray((np.abs(roots.azimuth) < 1.5) & (roots.elevation > 0.0))
-    return np.ones(len(roots), bool)
+    beside = (np.abs(np.abs(roots.azimuth) - 1.05) < 0.65) & (roots.edge < WISPS_EDGE)
+    # By place, so that strands and guides of one lock agree.
+    chance = np.sin(np.floor(roots.position / WISP_M) @ np.array([12.9898, 78.233, 37.719])) * 43758.5453 % 1.0
+    return np.asarray(~(beside & (chance < style.wisps)))
 
 
 def _ties(style: Style, roots: Roots, skin: Scalp) -> Float32:
@@ -270,14 +279,14 @@ def _ties(style: Style, roots: Roots, skin: Scalp) -> Float32:
     return near.astype(np.float32)
 
 
-def _round_head(start: Float32, end: Float32, share: Float32) -> Float32:
+def _round_head(start: Float32, end: Float32, share: Float32, aside: Float32) -> Float32:
     """(N, S, 3) points from places on the head (N, 3) to others, round its middle and not through it.
 
-    Opposite places are joined over the top: hair on the forehead is combed back, not to one side.
+    Opposite places are joined over the top: hair on the forehead is combed back, and by ``aside`` (N, 3) to one side.
     """
     first, last = unit(start - CENTRE), unit(end - CENTRE)
     apart = _step(0.2, -0.8, (first * last).sum(1))[:, None]
-    middle = unit(first + last + apart * np.array([0.0, 1.0, 0.0], np.float32))
+    middle = unit(first + last + apart * np.array([0.0, 1.0, 0.0], np.float32) + aside)
     begin, rest = (1 - share) ** 2 * first[:, None], share**2 * last[:, None]
     toward = unit(begin + 2 * share * (1 - share) * middle[:, None] + rest)
     near, far = (np.linalg.norm(ends - CENTRE, axis=1)[:, None, None] for ends in (start, end))
@@ -288,7 +297,11 @@ def _gathered(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.
     """Guides that follow the head to their tie, and the tail behind it."""
     tie = _ties(style, roots, skin)
     share = np.linspace(0, 1, 24, dtype=np.float32)[None, :, None]
-    way = _round_head(roots.position, tie, share)
+    aside = np.zeros((len(roots), 3), np.float32)
+    if style.parting != "none" and style.gather not in ("half_up", "pinned"):
+        front = _step(1.3, 0.5, np.abs(roots.azimuth)) * _step(0.2, 0.6, roots.elevation)
+        aside[:, 0] = PARTED * front * sides_of(style, roots)
+    way = _round_head(roots.position, tie, share, aside)
     rise = np.sin(np.pi * share[..., 0]) * style.volume_mm / 1000 * rng.uniform(0.4, 1, (len(roots), 1)) + 0.002
     for _ in range(6):  # out of the head, then straight: a taut thread on the skull
         way = skin.pushed(way, rise.astype(np.float32))

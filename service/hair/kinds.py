@@ -60,7 +60,7 @@ def kinds_of(style: Style, strands: Float32) -> dict[str, str]:
     gathered = _GATHERED.get(style.gather, "none")
     longest = max(style.top_mm, style.sides_mm if style.fade < 0.5 else 0.0)
     cropped = not len(strands) or longest <= CROPPED_MM
-    parted = gathered in ("none", "half") and style.top_mm > 30 and style.combing not in ("back", "up")
+    parted = style.top_mm > 30 and (gathered != "none" or style.combing not in ("back", "up"))
     return {
         "length": "cropped" if cropped else length_of(ends_m(strands)),
         "gathered": gathered,

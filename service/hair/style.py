@@ -52,7 +52,7 @@ _MM, _SHARE = (0, 1500), (0, 1)
 _RANGES: Mapping[str, tuple[float, float]] = {
     **dict.fromkeys(("top_mm", "fringe_mm", "sides_mm", "back_mm", "volume_mm", "frizz_mm"), _MM),
     **dict.fromkeys(("layers", "lift", "gravity", "stiffness", "clump", "flyaways", "receding", "crown", "hairline",
-                     "tucked", "fade", "density"), _SHARE),
+                     "tucked", "fade", "density", "wisps"), _SHARE),
     "lock_mm": (0.5, 100), "cut_y": (-1, 0.2), "tie_y": (-0.2, 0.2),
 }  # fmt: skip
 _CHOICES: Mapping[str, tuple[str, ...]] = {
@@ -90,6 +90,7 @@ class Style:
         crown: bald on the crown, 0 to 1.
         hairline: random rise and fall of the hairline, 0 to 1.
         tucked: how much of the hair beside the face lies behind the ears, 0 to 1.
+        wisps: share of the hair along the hairline beside the face that has come loose from a tie, 0 to 1.
         fade: how far up the sides are clipped short, 0 to 1.
         density: strands for each that a full head has, 0 to 1.
         melanin: its pigment.
@@ -119,6 +120,7 @@ class Style:
     crown: float = 0.0
     hairline: float = 0.15
     tucked: float = 0.0
+    wisps: float = 0.0
     fade: float = 0.0
     density: float = 1.0
     melanin: Melanin = field(default_factory=lambda: Melanin(0.45, 0.12))
@@ -169,8 +171,8 @@ NAMED: Mapping[str, Style] = {
 """Ten styles that most people can be given."""
 
 _CHANCE: Mapping[str, float] = {
-    "shaved": 0.07, "crop": 0.13, "side_part": 0.11, "slicked_back": 0.06, "afro": 0.08, "bob": 0.12, "curly": 0.12,
-    "long_wavy": 0.15, "ponytail": 0.09, "bun": 0.07,
+    "shaved": 0.06, "crop": 0.13, "side_part": 0.11, "slicked_back": 0.06, "afro": 0.06, "bob": 0.12, "curly": 0.10,
+    "long_wavy": 0.12, "ponytail": 0.14, "bun": 0.10,
 }  # fmt: skip
 """How often a random style begins as each of :data:`NAMED`; none is rare, so that every kind is learnt."""
 
@@ -252,6 +254,15 @@ def sample_style(seed: int) -> Style:
         changes["curl"] = str(rng.choice(["1", "1", "2a", "2b", "3b"]))
     elif base.kind == "bun":
         changes["tie_y"] = float(rng.uniform(-0.05, 0.09))
+    gathered = str(changes.get("gather", base.gather))
+    if gathered != "none":  # from combed tight to half undone
+        changes |= {
+            "volume_mm": base.volume_mm * float(np.exp(rng.normal(0.35, 0.5))), "flyaways": float(rng.uniform(0, 0.1)),
+            "frizz_mm": base.frizz_mm * float(np.exp(abs(rng.normal(0, 0.7)))),
+            "wisps": float(rng.uniform(0.1, 0.7)) if rng.random() < 0.6 else 0.0,
+        }  # fmt: skip
+    if gathered not in ("none", "half_up", "pinned"):
+        changes["parting"] = str(rng.choice(["none", "left", "middle", "right"], p=[0.5, 0.17, 0.2, 0.13]))
     return dataclasses.replace(base, **changes)  # type: ignore[arg-type]
 
 
