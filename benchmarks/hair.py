@@ -50,9 +50,9 @@ def measured(seed: int, head: HeadModel, *, poor: bool) -> Mapping[str, float]:
     skin = Scalp.of(head, seen.fit.neutral)
     begin = time.process_time()
     matches = match(read_bank(), seen.sight, seen.fit, head, seen.reading)
-    best = min((tried(read_bank().style(row), seen.sight, skin, 0) for row in matches.best(CANDIDATES)),
+    best = min((tried(read_bank().style(row), seen.sight, skin, 0, seen.reading) for row in matches.best(CANDIDATES)),
                key=lambda one: one.loss)  # fmt: skip
-    best = refined(best.style, seen.sight, skin, 0, rounds=1)
+    best = refined(best.style, seen.sight, skin, 0, seen.reading, rounds=1)
     groom, _ = fitted(best.style, seen.sight, skin, 0, STRANDS)
     spent = time.process_time() - begin
     drawn = seen.sight.drawn(groom.strands)

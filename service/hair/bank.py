@@ -36,11 +36,11 @@ SIDE_M, MIDDLE, DISTANCE_M = 0.46, (0.0, -0.02, -0.05), 1.2
 """Side of the square at the head, the point in its middle (head's frame, metres), and how far away the camera is."""
 VIEWS = (*((yaw, pitch) for yaw in (-25, 0, 25) for pitch in (-15, 0, 15)), (-50, 0), (50, 0))
 """Yaw and pitch of the head in degrees, as :meth:`service.geometry.camera.Camera.yaw_pitch_roll_deg` has them."""
-TEMPERATURE = 0.035
-"""Loss by which a style becomes e times less likely; ``python -m benchmarks.hair`` fits it."""
-TRUST: dict[str, float] = {"length": 0.5, "gathered": 0.5, "parting": 0.4, "fringe": 0.5, "curl": 0.8}
+TEMPERATURE = 0.08
+"""Loss by which a style becomes e times less likely."""
+TRUST: dict[str, float] = {"length": 0.8, "gathered": 0.8, "parting": 0.65, "fringe": 0.8, "curl": 1.3}
 """Exponents of the reading's own probabilities."""
-ENDS_TRUST, ENDS_M = 0.3, 0.03
+ENDS_TRUST, ENDS_M = 0.5, 0.03
 """Weight of the height of the ends that was read, and the standard deviation that it has at least."""
 UNLIKELY = 0.02
 """Least probability that a reading can give to a choice."""

@@ -97,12 +97,12 @@ def find_hair(
     if not doubts and (grown < BALD or (thick is not None and thick < CROPPED_M)):
         kind = "bald" if grown < BALD else "shaved"
         return WornHair(style_name, None, kind, {kind: 1.0}, np.zeros(0, np.float32), doubts=())
-    best = min((tried(read_bank().style(row), sight, skin, seed) for row in matches.best(CANDIDATES)),
+    best = min((tried(read_bank().style(row), sight, skin, seed, read) for row in matches.best(CANDIDATES)),
                key=lambda one: one.loss)  # fmt: skip
     if doubts:
-        best = tried(_unnoticed(kinds, sight, skin, seed), sight, skin, seed)
+        best = tried(_unnoticed(kinds, sight, skin, seed), sight, skin, seed, read)
     else:
-        best = refined(best.style, sight, skin, seed, rounds=1)
+        best = refined(best.style, sight, skin, seed, read, rounds=1)
         if max(getattr(best.style, name) for name in LENGTHS) < CROPPED_MM and asked.length_mm is None:
             return WornHair(style_name, None, "shaved", kinds, np.zeros(0, np.float32))
     if asked.length_mm is not None or doubts:

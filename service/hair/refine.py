@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.hair.guides import grow_guides, grown
+from service.hair.kinds import kinds_of
+from service.hair.reading import HairReading
 from service.hair.scalp import Scalp
 from service.hair.sight import Drawn, Sight, overlap
 from service.hair.style import LENGTHS, Style
@@ -20,6 +22,9 @@ TRIED_GUIDES = 260
 """Guides that stand for a style while its numbers are tried."""
 ANGLE = 0.12
 """Weight of the direction of visible strands (0 along, 1 across) beside the silhouette's error."""
+KIND, UNLIKELY = 0.03, 0.02
+"""Weight of the reading's doubt about length and gathering, minus the logarithm of its probability, which is at least
+this. Of 30 people that no network was taught on it raised kinds that are right from 40 to 53 %."""
 KEEP = 0.004
 """Gain below which a number stays as the bank has it."""
 
@@ -30,7 +35,8 @@ class Tried:
 
     Attributes:
         style: what was tried.
-        loss: 1 less the overlap of silhouettes, and what its strands run across the photo's.
+        loss: 1 less the overlap of silhouettes, what its strands run across the photo's, and how unlikely the reading
+            calls its kind.
         overlap: intersection over union with the photo's hair, in [0, 1].
     """
 
@@ -39,15 +45,19 @@ class Tried:
     overlap: float
 
 
-def tried(style: Style, sight: Sight, skin: Scalp, seed: int) -> Tried:
-    """Grow the guides of a style and compare them with the photo."""
+def tried(style: Style, sight: Sight, skin: Scalp, seed: int, read: HairReading) -> Tried:
+    """Grow the guides of a style and compare them with the photo and with what was read of it."""
     rng = np.random.default_rng([seed, 0x7E1])
     roots = grown(skin.even.chosen(np.arange(TRIED_GUIDES)), style, rng)
     if not len(roots):
         return Tried(style, 1.0, 0.0)
-    drawn = sight.drawn(grow_guides(style, roots, skin, rng))
+    guides = grow_guides(style, roots, skin, rng)
+    drawn = sight.drawn(guides)
     shared = overlap(sight.hair, drawn.mask, sight.known)
-    return Tried(style, 1 - shared + ANGLE * across(drawn, sight), shared)
+    own = kinds_of(style, guides)
+    chances = (read.kinds[name].get(own[name], 0.0) for name in ("length", "gathered"))
+    doubt = -float(np.log([max(chance, UNLIKELY) for chance in chances]).sum())
+    return Tried(style, 1 - shared + ANGLE * across(drawn, sight) + KIND * doubt, shared)
 
 
 def across(drawn: Drawn, sight: Sight) -> float:
@@ -58,7 +68,7 @@ def across(drawn: Drawn, sight: Sight) -> float:
     return float((weight * (1 - cosine)).sum() / 2 / max(float(weight.sum()), 1e-6))
 
 
-def refined(style: Style, sight: Sight, skin: Scalp, seed: int, rounds: int) -> Tried:
+def refined(style: Style, sight: Sight, skin: Scalp, seed: int, read: HairReading, rounds: int) -> Tried:
     """The style with those of its numbers changed that bring it nearer to the photo.
 
     Args:
@@ -66,12 +76,13 @@ def refined(style: Style, sight: Sight, skin: Scalp, seed: int, rounds: int) -> 
         sight: the photo.
         skin: of the fitted head.
         seed: of all that is random.
+        read: of the photo.
         rounds: how often every number is tried.
     """
-    best = tried(style, sight, skin, seed)
+    best = tried(style, sight, skin, seed, read)
     for turn in range(rounds):
         for change in _changes(0.5**turn):
-            other = tried(change(best.style), sight, skin, seed) if change(best.style) != best.style else best
+            other = tried(change(best.style), sight, skin, seed, read) if change(best.style) != best.style else best
             if other.loss < best.loss - KEEP:
                 best = other
     return best

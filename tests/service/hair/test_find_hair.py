@@ -68,7 +68,7 @@ def test_strands_take_the_photos_outline(kind: str, other: str) -> None:
     """From a style that is another: overlap grows by much, no strand is in the head, and the rest is finite."""
     seen = photographed(NAMED[kind], 3, HEAD)
     before = overlap(seen.sight.hair, photographed(NAMED[other], 1, HEAD).sight.hair, seen.sight.known)
-    found = refined(NAMED[other], seen.sight, SKIN, 0, rounds=1)
+    found = refined(NAMED[other], seen.sight, SKIN, 0, seen.reading, rounds=1)
     groom, share = fitted(found.style, seen.sight, SKIN, 0, 2000)
     after = overlap(seen.sight.hair, seen.sight.drawn(groom.strands).mask, seen.sight.known)
     assert after > max(0.72, before + 0.05)
