@@ -27,7 +27,8 @@ class FitSettings(Checked):
     Attributes:
         iterations: damped least-squares steps of the landmark stage, >= 1.
         identity_components: how many identity components to fit, >= 0; more than the head has means all.
-        beyond: modes of free form beyond the identity components, >= 0 (``landmark_fit.modes``); "full" has them.
+        beyond: modes of free form beyond the identity components, >= 0 (``landmark_fit.modes``); "full" has them,
+            and twice as many for several photos.
         refine: "landmarks" stops after the landmarks, "dense" follows the reader with the model's components, "full"
             bends the head beyond them as well.
         scores: the expression's prior lies about the scores that were read; without it about 0.

@@ -56,6 +56,8 @@ PROFILE_DEG = (68.0, 52.0)
 they are: the landmark network draws the hidden half of profiles, and both turn these some degrees to the camera."""
 HARDLY = 0.02
 """Least weight of what is still followed."""
+MORE_FORM = 2
+"""Modes of free form where there are several photos, over those of one: what they have in common tells more of them."""
 STEREO_ROUNDS = 5
 """Further rounds, of several photos, with the spots that these have in common."""
 
@@ -242,9 +244,8 @@ def fit_views(views: Sequence[View], head: HeadModel, settings: FitSettings | No
         for view, seen, prior, start in zip(views, observed, own, initial, strict=True)
     ]
     found = [sight.found is not None for sight in sights]
-    wide = extended(
-        head, model.identity_count, settings.beyond if any(found) and settings.refine == "full" else 0
-    )  # fmt: skip
+    beyond = settings.beyond * (1 if len(views) == 1 else MORE_FORM)
+    wide = extended(head, model.identity_count, beyond if any(found) and settings.refine == "full" else 0)
     wide_model = LandmarkModel(wide, len(wide.identity))
     refined = _refined(sights, wide, wide_model, model.identity_count, normals=settings.normals)
     fits = _results(views, wide, wide_model, [one for one, _ in refined])
