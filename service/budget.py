@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +35,20 @@ TRANSFORMS, CLIFF_TRANSFORMS = 5, 5
 SAFETY = 1.15
 
 
+class NetworkSpeed(NamedTuple):
+    """What one network takes.
+
+    Attributes:
+        opening: seconds that loading takes, and its first run more than others.
+        seconds: per megapixel of input, halos left out; of one run where it takes a whole map.
+        tiles: halo and scale; None where it takes a whole map.
+    """
+
+    opening: float
+    seconds: float
+    tiles: tuple[int, int] | None = None
+
+
 @dataclass(frozen=True)
 class Speed:
     """What this machine does.
@@ -42,20 +57,13 @@ class Speed:
         yardstick: seconds of a fixed piece of numpy work.
         transform: seconds per megatexel of a cosine transform, there and back.
         packing: seconds per megatexel of an 8-bit RGB PNG.
-        networks: seconds per megapixel of input, halos left out, of each network that runs in tiles; seconds of one run
-            of each that takes a whole map.
-        opening: seconds that loading each network takes, and its first run more than others.
-        halos: (halo, scale) of each network in tiles.
-        whole: names of networks that take whole maps.
+        networks: by name.
     """
 
     yardstick: float
     transform: float
     packing: float
-    networks: Mapping[str, float]
-    opening: Mapping[str, float]
-    halos: Mapping[str, tuple[int, int]]
-    whole: frozenset[str]
+    networks: Mapping[str, NetworkSpeed]
 
 
 def within_budget(options: Options, stages: StageCache = NoCache()) -> tuple[Options, tuple[str, ...]]:  # noqa: B008
@@ -98,7 +106,7 @@ def estimate_seconds(speed: Speed, options: Options, plan: ReflectancePlan) -> f
     texels = width * height / 1e6
     seconds = FIT_WORK * speed.yardstick
     for name in plan.networks:
-        seconds += speed.opening[name] + _network_seconds(speed, name, texels)
+        seconds += _network_seconds(name, speed.networks[name], texels)
     if "displacement" in plan.stages:
         seconds += (TRANSFORMS + (CLIFF_TRANSFORMS if plan.keep_cliffs else 0)) * speed.transform * texels
     deep = 3.0 if options.normal_bits == 16 else 1.0
@@ -116,10 +124,7 @@ def measure_speed(engine: Engine, networks: tuple[str, ...]) -> Speed:
 
     from service.archive.images import Rows, encode_png_rows
 
-    costs: dict[str, float] = {}
-    opening: dict[str, float] = {}
-    halos: dict[str, tuple[int, int]] = {}
-    whole = set()
+    costs: dict[str, NetworkSpeed] = {}
     for name in networks:
         begin = time.perf_counter()
         with open_network(name, engine) as network:
@@ -131,13 +136,9 @@ def measure_speed(engine: Engine, networks: tuple[str, ...]) -> Speed:
             maps = np.zeros((len(what.channels), *shape), np.float32)
             first, second = _twice(lambda: _run(network, maps))  # noqa: B023 - called at once
             seconds = min(first, second)
-            opening[name] = opened + first - seconds
-            if what.whole is not None:
-                whole.add(name)
-                costs[name] = seconds
-            else:
-                costs[name] = seconds / (shape[0] * shape[1] / 1e6 * network.lanes)
-                halos[name] = (what.margin, what.scale)
+            tiles = (what.margin, what.scale) if what.whole is None else None
+            area = shape[0] * shape[1] / 1e6 * network.lanes if tiles else 1.0
+            costs[name] = NetworkSpeed(opened + first - seconds, seconds / area, tiles)
     noise = np.random.default_rng(0).integers(0, 256, (512, 768, 3), np.uint8)
     plane = noise[..., 0].astype(np.float32)
     area = plane.size / 1e6
@@ -146,9 +147,6 @@ def measure_speed(engine: Engine, networks: tuple[str, ...]) -> Speed:
         transform=min(_twice(lambda: idctn(dctn(plane, workers=2), workers=2))) / area,
         packing=min(_twice(lambda: encode_png_rows(Rows.of(noise), srgb=False))) / area,
         networks=costs,
-        opening=opening,
-        halos=halos,
-        whole=frozenset(whole),
     )
 
 
@@ -158,14 +156,13 @@ def _run(network: Network, maps: Float32) -> None:
         list(pool.map(network.run, [maps] * network.lanes))
 
 
-def _network_seconds(speed: Speed, name: str, texels: float) -> float:
-    cost = speed.networks[name]
-    if name in speed.whole:
-        return cost
-    halo, scale = speed.halos[name]
+def _network_seconds(name: str, speed: NetworkSpeed, texels: float) -> float:
+    if speed.tiles is None:
+        return speed.opening + speed.seconds
+    halo, scale = speed.tiles
     area = TEXTURE_SIZE[0] * TEXTURE_SIZE[1] / 1e6 if name in ENLARGING else texels
     side = DEFAULT_TILE / scale
-    return cost * area * ((side + 2 * halo) / side) ** 2
+    return speed.opening + speed.seconds * area * ((side + 2 * halo) / side) ** 2
 
 
 def _twice(work: Callable[[], object]) -> tuple[float, float]:

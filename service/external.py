@@ -19,8 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from service.archive.avatar import Avatar
-from service.archive.licences import model_cards
+from service.archive.avatar import Avatar, model_cards
 from service.archive.manifest import Given
 from service.arrays import Float32, Float64, Int64, UInt8
 from service.diagnosis import peak_rss_mb

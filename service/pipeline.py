@@ -28,8 +28,7 @@ import numpy as np
 from service.anatomy.eye_meshes import eye_parts
 from service.anatomy.mouth_meshes import mouth_parts
 from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo, to_albedo, worn
-from service.archive.avatar import Avatar, Source
-from service.archive.licences import model_cards
+from service.archive.avatar import Avatar, Source, model_cards
 from service.budget import within_budget
 from service.diagnosis import peak_rss_mb
 from service.face.features.eye_colours import NAMED_IRISES

@@ -16,7 +16,7 @@ from service.archive.avatar import Avatar, Source
 from service.archive.container import MEMBERS, in_order
 from service.archive.glb import weights_by_name
 from service.archive.maps import MapFiles, coding, frame, wrinkle_of
-from service.archive.skeleton import JOINTS, PARENTS, skeleton
+from service.archive.surfaces import JOINTS, PARENTS, skeleton
 from service.face.features.eyes import Gaze
 from service.face.fit.fit import Fit
 from service.hair.style import style_to_json

@@ -12,17 +12,15 @@ from pathlib import Path
 from typing import BinaryIO
 
 from service import GENERATOR
-from service.archive.avatar import Avatar, drawn_parts
+from service.archive.avatar import Avatar, drawn_parts, licences_text
 from service.archive.container import write_file, write_stream
 from service.archive.describe import describe
 from service.archive.glb import Picture, glb_bytes, weights_by_name
 from service.archive.images import encode_jpeg, encode_png
-from service.archive.licences import licences_text
 from service.archive.manifest import to_json
 from service.archive.maps import MapFiles, chart_pictures, chart_values, encode_map, map_files, map_wanted
 from service.archive.obj import data_maps, mtl_bytes, obj_bytes, parts_obj_bytes
-from service.archive.skeleton import joint_weights, skeleton
-from service.archive.surfaces import displaced, subdivided_head
+from service.archive.surfaces import displaced, joint_weights, skeleton, subdivided_head
 from service.archive.usd import curves_bytes, usda_bytes
 from service.archive.usd_materials import mtlx_bytes
 from service.arrays import Float32

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from service.archive.maps import MapFiles
-from service.archive.skeleton import JOINTS, PARENTS, Skeleton
+from service.archive.surfaces import JOINTS, PARENTS, Skeleton
 from service.archive.usd_materials import material_text
 from service.archive.usd_text import Prim, fixed_tuples, integers, numbers, read_prims, tokens
 from service.arrays import Float32, Float64, Int64

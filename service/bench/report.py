@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-from service.bench.runs import COMPARED, WRITING, Bench, Row, shown_loss, sized
+from service.bench.runs import COMPARED, Bench, Row, shown_loss, sized
 from service.errors import UsageError
 
 MARK = ("<!-- bench -->", "<!-- /bench -->")
@@ -53,13 +53,12 @@ def put(text: str, table: str) -> str:
 
 
 def _cells(row: Row) -> list[str]:
-    if row.made is None:
-        return [row.run.label, row.fault, *[""] * (len(HEAD) - 2)]
-    made, losses = row.made, row.losses or {}
+    if row.fault:
+        return [row.label, row.fault, *[""] * (len(HEAD) - 2)]
     return [
-        row.run.label, made.engines, f"{made.seconds:.1f}", f"{made.networks_s:.1f}", f"{made.timings_s[WRITING]:.1f}",
-        f"{made.peak_mb:.0f}", f"{made.megabytes:.0f}",
-        *(in_words(name, losses[name]) if name in losses else "-" for name in COMPARED),
+        row.label, row.engines, f"{row.seconds:.1f}", f"{row.networks_s:.1f}", f"{row.timings_s['write']:.1f}",
+        f"{row.peak_mb:.0f}", f"{row.megabytes:.0f}",
+        *(in_words(name, row.losses[name]) if name in row.losses else "-" for name in COMPARED),
         "**front**" if row.front else "",
     ]  # fmt: skip
 
@@ -88,14 +87,14 @@ def draw(bench: Bench, path: Path) -> None:
 
     figure = Figure(figsize=(8, 5), layout="constrained")
     axis = figure.subplots()
-    rows = [(row, row.made.seconds, row.losses[DRAWN]) for row in bench.rows if row.made and row.losses]
-    points = sorted(((seconds, max(loss, LEAST_DEGREES), row) for row, seconds, loss in rows), key=lambda one: one[:2])
+    rows = [(row.seconds, max(row.losses[DRAWN], LEAST_DEGREES), row) for row in bench.rows if row.losses]
+    points = sorted(rows, key=lambda one: one[:2])
     front = [(seconds, loss) for seconds, loss, row in points if row.front]
     axis.plot([seconds for seconds, _ in front], [loss for _, loss in front], "-", color="tab:red", linewidth=1)
     for seconds, loss, row in points:
         axis.plot(seconds, loss, "o", color="tab:red" if row.front else "tab:gray", markersize=7 if row.front else 4)
         place = (4, 5) if row.front else (4, -9)
-        axis.annotate(row.run.label, (seconds, loss), fontsize=7, xytext=place, rotation=30, textcoords="offset points")
+        axis.annotate(row.label, (seconds, loss), fontsize=7, xytext=place, rotation=30, textcoords="offset points")
     axis.set_xlabel("seconds from the photo to the archive")
     axis.set_xscale("log")
     axis.set_ylabel("specular normals: mean angle to the reference, degrees")

@@ -12,25 +12,25 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from service import diagnosis
-from service.bench.losses import FittedLine, Kind, decibels, line, loss_of, pareto
+from service.arrays import Bool, Float32, Float64
 from service.errors import AvatarError, Crashed
 from service.levels import FULL_SIZE, LEVELS
 from service.options import Options
+from service.reflectance.reflectance_maps import unpack_normals
 from service.runtime.networks import choose_engine
 from service.runtime.sessions import has_openvino
 
 T = TypeVar("T")
-Launch = Callable[..., Any]
-Progress = Callable[[str, float], None]
+Kind = Literal["colour", "normal"]
 
 COMPARED: dict[str, Kind] = {
     "diffuse_albedo": "colour", "specular_albedo": "colour", "specular_normal": "normal", "diffuse_normal": "normal",
@@ -40,39 +40,41 @@ COMPARED: dict[str, Kind] = {
 SHOWN = (5 / 16, 11 / 16, 3 / 8, 5 / 8)
 """The part of the chart on which maps are compared, where the face is: first and last row, first and last column."""
 
-WRITING = "write"
-"""Name of the time of writing the archive."""
-
 SIZES = (1536, 3072, 6144)
 QUICK_SIZES = (384, 768, 1536)
 """Widths of maps; through their times the line is drawn."""
 
-
-@dataclass(frozen=True)
-class Run:
-    """What is made: ``label`` in words, and what is asked of ``make_avatar``."""
-
-    label: str
-    options: Options
+SAME_DB = 99.0
+"""PSNR reported for identical maps."""
 
 
 @dataclass(frozen=True)
-class Made:
-    """What came of a run.
+class Row:
+    """One run.
 
     Attributes:
+        label: in words.
+        options: what was asked of ``make_avatar``.
+        fault: why there is no avatar; "" where there is one, and only then the rest holds.
         seconds: from the photo's bytes to the archive on the disk.
-        timings_s: by stage.
+        timings_s: by stage, with "write".
         peak_mb: largest resident memory of the process, MiB.
         megabytes: of the archive.
         engines: runtime and precision of the networks, in words.
+        losses: by map against the last run: root mean square of coded colours in [0, 1], or mean degrees of normals.
+        front: whether no other run is faster and better.
     """
 
-    seconds: float
-    timings_s: Mapping[str, float]
-    peak_mb: float
-    megabytes: float
-    engines: str
+    label: str
+    options: Options
+    fault: str = ""
+    seconds: float = float("nan")
+    timings_s: Mapping[str, float] = field(default_factory=dict)
+    peak_mb: float = 0.0
+    megabytes: float = 0.0
+    engines: str = ""
+    losses: Mapping[str, float] = field(default_factory=dict)
+    front: bool = False
 
     @property
     def networks_s(self) -> float:
@@ -81,14 +83,12 @@ class Made:
 
 
 @dataclass(frozen=True)
-class Row:
-    """One run; ``losses`` by map against the last run, ``front`` where no other is faster and better; else a fault."""
+class FittedLine:
+    """Least-squares line ``start + slope x``, and the largest relative deviation of a point from it."""
 
-    run: Run
-    made: Made | None = None
-    losses: Mapping[str, float] | None = None
-    front: bool = False
-    fault: str = ""
+    start: float
+    slope: float
+    worst: float
 
 
 @dataclass(frozen=True)
@@ -102,14 +102,12 @@ class Bench:
 
     def to_json(self) -> dict[str, Any]:
         """JSON values."""
-        rows = [
-            {
-                "label": row.run.label, "options": row.run.options.to_json(), "fault": row.fault, "pareto": row.front,
-                "made": None if row.made is None else asdict(row.made),
-                "loss": {name: shown_loss(name, loss) for name, loss in (row.losses or {}).items()},
-            }
-            for row in self.rows
-        ]  # fmt: skip
+        rows = []
+        for row in self.rows:
+            facts = asdict(row) | {"options": row.options.to_json()}
+            made = {name: facts.pop(name) for name in ("seconds", "timings_s", "peak_mb", "megabytes", "engines")}
+            loss = {name: shown_loss(name, value) for name, value in facts.pop("losses").items()}
+            rows.append({**facts, "made": None if row.fault else made, "loss": loss})
         fitted = None if self.line is None else asdict(self.line)
         return {"machine": dict(self.machine), "runs": rows, "line": fitted, "seconds": self.seconds}
 
@@ -119,22 +117,23 @@ def shown_loss(name: str, loss: float) -> float:
     return decibels(loss) if COMPARED[name] == "colour" else loss
 
 
-def runs(*, quick: bool) -> list[Run]:
-    """What is made, the reference last. Qualities that are the same on this machine are still made each."""
+def runs(*, quick: bool) -> list[Row]:
+    """What is to be made, the reference last. Qualities that are the same on this machine are still made each."""
     plain = Options(quality="draft", face="largest")
+
+    def sized(options: Options, width: int) -> Row:
+        size = (width, width * FULL_SIZE[1] // FULL_SIZE[0])
+        return Row(f"{options.quality}, {width} wide", replace(options, size=size))
+
     if quick:
-        return [Run(f"draft, {width} wide", _sized(plain, width)) for width in QUICK_SIZES]
-    found = [Run("draft, onnxruntime", replace(plain, runtime="onnxruntime"))] if has_openvino() else []
-    found += [Run(f"standard, {width} wide", _sized(replace(plain, quality="standard"), width)) for width in SIZES[:-1]]
+        return [sized(plain, width) for width in QUICK_SIZES]
+    found = [Row("draft, onnxruntime", replace(plain, runtime="onnxruntime"))] if has_openvino() else []
+    found += [sized(replace(plain, quality="standard"), width) for width in SIZES[:-1]]
     qualities: dict[str, Any] = {name: name for name in LEVELS}
-    return found + [Run(name, replace(plain, quality=quality)) for name, quality in qualities.items()]
+    return found + [Row(name, replace(plain, quality=quality)) for name, quality in qualities.items()]
 
 
-def _sized(options: Options, width: int) -> Options:
-    return replace(options, size=(width, width * FULL_SIZE[1] // FULL_SIZE[0]))
-
-
-def make(run: Run, photo: bytes, output: Path) -> Made:
+def make(run: Row, photo: bytes, output: Path) -> Row:
     """Make an avatar and its archive, and write the face of its maps and the mask of skin to ``output`` (``.npz``).
 
     Raises:
@@ -158,8 +157,10 @@ def make(run: Run, photo: bytes, output: Path) -> Made:
     subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
     skin = np.where(subject.chart.mask, subject.skin(GEOMETRY_SIZE), 0) > 0
     np.savez(output, **{"skin": face_of(skin), **maps})  # type: ignore[arg-type]
-    engines = sorted(set(made.engines.values())) if made is not None else []
-    return Made(end - begin, {**avatar.timings_s, WRITING: end - writing}, peak, megabytes, ", ".join(engines))
+    return replace(
+        run, seconds=end - begin, timings_s={**avatar.timings_s, "write": end - writing}, peak_mb=peak,
+        megabytes=megabytes, engines=", ".join(sorted(set(made.engines.values())) if made is not None else []),
+    )  # fmt: skip
 
 
 def face_of(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -170,11 +171,7 @@ def face_of(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def isolated(work: Callable[..., T], *arguments: Any) -> T:
-    """``work(*arguments)`` in a separate process.
-
-    Args:
-        work: a function at the top level of a module.
-        arguments: of ``work``, picklable.
+    """``work(*arguments)``, a function at the top level of a module, in a process of its own.
 
     Raises:
         Crashed: the process ended without a result, for example for want of memory.
@@ -190,11 +187,11 @@ def isolated(work: Callable[..., T], *arguments: Any) -> T:
 
 
 def run_bench(
-    chosen: Sequence[Run],
+    chosen: Sequence[Row],
     *,
     photo: bytes | None = None,
-    launch: Launch = isolated,
-    progress: Progress = lambda what, done: None,
+    launch: Callable[..., Any] = isolated,
+    progress: Callable[[str, float], None] = lambda what, done: None,
 ) -> Bench:
     """Make every avatar, one after the other.
 
@@ -215,14 +212,14 @@ def run_bench(
         for index, (run, file) in enumerate(zip(chosen, files, strict=True)):
             progress(run.label, index / len(chosen))
             try:
-                rows.append(Row(run, launch(make, run, data, file)))
+                rows.append(launch(make, run, data, file))
             except AvatarError as fault:
                 if index == len(chosen) - 1:
                     raise
-                rows.append(Row(run, fault=fault.message))
+                rows.append(replace(run, fault=fault.message))
         with np.load(files[-1]) as best:
             rows = [replace(row, losses=_losses(file, best)) for row, file in zip(rows, files, strict=True)]
-    costs = [[row.made.seconds if row.made else float("nan"), *(row.losses or {}).values()] for row in rows]
+    costs = [[row.seconds, *row.losses.values()] for row in rows]
     width = max(map(len, costs))
     front = pareto([cost + [float("nan")] * (width - len(cost)) for cost in costs])
     return Bench(
@@ -240,12 +237,22 @@ def run_bench(
     )
 
 
-def _losses(file: Path, best: Mapping[str, npt.NDArray[Any]]) -> dict[str, float] | None:
+def sized(rows: Sequence[Row]) -> list[tuple[float, float]]:
+    """(megatexels, seconds without super-resolution) of the runs whose size was asked for, and of ``standard``."""
+    found = []
+    for row in rows:
+        if not row.fault and (row.options.size or row.label == "standard"):
+            width, height = row.options.map_size
+            found.append((width * height / 1e6, row.seconds - row.timings_s.get("super_resolution", 0.0)))
+    return sorted(found)
+
+
+def _losses(file: Path, best: Mapping[str, npt.NDArray[Any]]) -> dict[str, float]:
     import cv2
 
+    found: dict[str, float] = {}
     if not file.exists():
-        return None
-    found = {}
+        return found
     with np.load(file) as maps:
         for name in COMPARED:
             if name in maps and name in best:
@@ -255,12 +262,73 @@ def _losses(file: Path, best: Mapping[str, npt.NDArray[Any]]) -> dict[str, float
     return found
 
 
-def sized(rows: Sequence[Row]) -> list[tuple[float, float]]:
-    """(megatexels, seconds without super-resolution) of the runs whose size was asked for, and of ``standard``."""
-    found = []
-    for row in rows:
-        if row.made is not None and (row.run.options.size or row.run.label == "standard"):
-            width, height = row.run.options.map_size
-            seconds = row.made.seconds - row.made.timings_s.get("super_resolution", 0.0)
-            found.append((width * height / 1e6, seconds))
-    return sorted(found)
+def decibels(rms: float) -> float:
+    """PSNR of a root mean square error of values in [0, 1], at most ``SAME_DB``."""
+    return min(-20 * float(np.log10(max(rms, 1e-12))), SAME_DB)
+
+
+def loss_of(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], mask: Bool) -> float:
+    """Distance of a map from a reference of any other size; the smaller one is enlarged, so that lost detail counts.
+
+    Args:
+        kind: "colour": uint16 codes, 65535 = 1. "normal": (h, w, 2) int16 codes.
+        found: (h, w, ...).
+        reference: (H, W, ...) of the same part of the chart.
+        mask: (H, W) texels that are compared; all of them where there is none.
+
+    Returns:
+        Root mean square of coded colours in [0, 1], or mean degrees of normals.
+    """
+    one, other = (_values(kind, codes, reference.shape[1::-1]) for codes in (found, reference))
+    chosen = mask if mask.any() else np.ones_like(mask)
+    if kind == "normal":
+        return float(degrees(one[chosen], other[chosen]).mean())
+    return float(np.sqrt(np.square(one[chosen] - other[chosen], dtype=np.float64).mean()))
+
+
+def degrees(found: Float32, reference: Float32) -> Float64:
+    """(...) angles between vectors (..., 3) of any length; 0 where one is zero. Accurate for small angles."""
+    one, other = (np.asarray(vectors, np.float64) for vectors in (found, reference))
+    sine = np.linalg.norm(np.cross(one, other), axis=-1)
+    return np.asarray(np.degrees(np.arctan2(sine, np.einsum("...i,...i->...", one, other))))
+
+
+def _values(kind: Kind, codes: npt.NDArray[Any], size: tuple[int, int]) -> Float32:
+    """Colours in [0, 1] or normals, resampled to (width, height) and not normalised again."""
+    import cv2
+
+    # OpenCV drops an axis of length 1; comparing maps with and without it would broadcast.
+    plain = codes[..., 0] if codes.ndim == 3 and codes.shape[2] == 1 else codes
+    values = unpack_normals(codes) if kind == "normal" else np.asarray(plain, np.float32) / np.float32(65535)
+    if values.shape[1::-1] == size:
+        return values
+    way = cv2.INTER_AREA if size[0] <= values.shape[1] else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(values, size, interpolation=way), np.float32)
+
+
+def pareto(points: Sequence[Sequence[float]]) -> list[bool]:
+    """Whether each point (every coordinate: smaller is better) is on the Pareto front.
+
+    A point is dominated where another is at least as good in every coordinate and better in one. Equal points are all
+    on the front. A point with a NaN is never on it.
+    """
+    table = np.asarray(points, np.float64)
+    others = table[~np.isnan(table).any(1)] if len(table) else table
+    return [
+        bool(not np.isnan(point).any() and not ((others <= point).all(1) & (others < point).any(1)).any())
+        for point in table
+    ]
+
+
+def line(x: Sequence[float], y: Sequence[float]) -> FittedLine | None:
+    """Least-squares line through points weighted by 1 / y, which minimises relative errors.
+
+    None with fewer than three points, which a line fits exactly, or with a y that is not above 0.
+    """
+    across, up = np.asarray(x, np.float64), np.asarray(y, np.float64)
+    if len(across) < 3 or not (up > 0).all() or np.ptp(across) == 0:
+        return None
+    design = np.stack([1 / up, across / up], 1)
+    start, slope = np.linalg.lstsq(design, np.ones_like(up), rcond=None)[0]
+    worst = float(np.abs((start + slope * across) / up - 1).max())
+    return FittedLine(float(start), float(slope), worst)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,20 @@ from service.kits.source import extract, kit_facts, materials_of, read_parts, wr
 LARGEST = 4096
 IN_GLB = 2048
 """Largest sides of textures as files, and in the GLBs."""
+
+
+class Channel(NamedTuple):
+    """One channel of a texture.
+
+    Attributes:
+        role: of its map; "" for none.
+        otherwise: code in place of a map that is not there.
+        change: what is done to the map's codes.
+    """
+
+    role: str
+    otherwise: int = 255
+    change: Callable[[UInt8], UInt8] | None = None
 
 
 @dataclass
@@ -58,27 +73,17 @@ class Charts:
         length = np.sqrt(np.maximum(np.einsum("hwc,hwc->hw", vectors, vectors), 1e-6))[..., None]
         return np.asarray(np.rint(127.5 * (1 + vectors / length)).clip(0, 255), np.uint8)
 
-    def packed(self, channels: Mapping[str, float | Callable[[UInt8], UInt8]], order: tuple[str | int, ...]) -> UInt8:
-        """Channels of several maps in one picture.
-
-        Args:
-            channels: role -> what is done to its codes, or the value in [0, 1] where there is no such map.
-            order: of each channel of the result a role, or a code.
-        """
-        side = next((self.codes(role).shape[0] for role in order if isinstance(role, str) and self.has(role)), 1)
+    def packed(self, channels: Sequence[Channel]) -> UInt8:
+        """(n, n, C) or, of one channel, (n, n): channels of several maps in one picture."""
+        side = next((self.codes(one.role).shape[0] for one in channels if self.has(one.role)), 1)
         planes = []
-        for role in order:
-            if isinstance(role, int):
-                planes.append(np.full((side, side), role, np.uint8))
-                continue
-            value = channels.get(role, 1.0)
-            if self.has(role):
-                codes = _square(self.codes(role), side)[..., 0]
-                planes.append(value(codes) if callable(value) else codes)
-            else:
-                constant = value if isinstance(value, float) else 1.0
-                planes.append(np.full((side, side), round(255 * constant), np.uint8))
-        return np.stack(planes, -1)
+        for one in channels:
+            codes = np.full((side, side), one.otherwise, np.uint8)
+            if self.has(one.role):
+                codes = _square(self.codes(one.role), side)[..., 0]
+                codes = one.change(codes) if one.change else codes
+            planes.append(codes)
+        return planes[0] if len(planes) == 1 else np.stack(planes, -1)
 
 
 def glb_charts(charts: Charts) -> dict[str, Picture]:
@@ -90,16 +95,6 @@ def glb_charts(charts: Charts) -> dict[str, Picture]:
     }
     normal = small.normal(up=True) if small.has("specular_normal") else None
     return chart_textures(small.codes(small.colour), normal, **plain)
-
-
-def half(codes: UInt8) -> UInt8:
-    """Codes of half the value: Unreal's Specular of 0.5 is F0 = 0.04."""
-    return np.asarray((codes.astype(np.uint16) + 1) // 2, np.uint8)
-
-
-def inverted(codes: UInt8) -> UInt8:
-    """255 - code: smoothness of roughness."""
-    return np.asarray(255 - codes, np.uint8)
 
 
 def _square(codes: UInt8, largest: int) -> UInt8:
@@ -120,72 +115,60 @@ class Packed:
         name: of the file, without extension.
         needs: roles of which the archive must have at least one.
         make: charts -> picture.
-        srgb: whether the engine's sRGB flag has to be set.
         use: what it is for, in the engine's words.
+        srgb: whether the engine's sRGB flag has to be set.
     """
 
     name: str
     needs: tuple[str, ...]
     make: Callable[[Charts], UInt8]
-    srgb: bool
     use: str
+    srgb: bool = False
+
+
+def _of(name: str, use: str, *channels: Channel) -> Packed:
+    roles = tuple(one.role for one in channels if one.role)
+    return Packed(f"head_{name}", roles, lambda charts: charts.packed(channels), use)
+
+
+def _normal(use: str, *, up: bool) -> Packed:
+    name = f"head_normal_{'opengl' if up else 'directx'}"
+    return Packed(name, ("specular_normal",), lambda charts: charts.normal(up=up), use)
+
+
+def _half(codes: UInt8) -> UInt8:
+    return np.asarray((codes.astype(np.uint16) + 1) // 2, np.uint8)
 
 
 _COLOUR = Packed(
-    "head_basecolor", ("diffuse_albedo", "texture"), lambda charts: charts.codes(charts.colour), True, "base colour"
+    "head_basecolor", ("diffuse_albedo", "texture"), lambda charts: charts.codes(charts.colour), "base colour", True
 )
-_THICKNESS = Packed(
-    "head_thickness", ("thickness",), lambda charts: charts.codes("thickness")[..., 0], False,
-    "thickness of the flesh, 1 = 25.5 mm or more",
-)  # fmt: skip
-
-
-def _normal(up: bool, use: str) -> Packed:
-    name = f"head_normal_{'opengl' if up else 'directx'}"
-    return Packed(name, ("specular_normal",), lambda charts: charts.normal(up=up), False, use)
-
+_THICKNESS = _of("thickness", "thickness of the flesh, 1 = 25.5 mm or more", Channel("thickness"))
+_CAVITY, _ROUGHNESS, _SPECULAR = Channel("cavity"), Channel("roughness", 140), Channel("specular_albedo")
 
 PACKING: dict[str, tuple[Packed, ...]] = {
     "unreal": (
         _COLOUR,
-        _normal(False, "Normal, compression Normalmap; green points down, so Flip Green Channel stays off"),
-        Packed(
-            "head_orm", ("roughness", "cavity"),
-            lambda charts: charts.packed({"roughness": 0.55}, ("cavity", "roughness", 0)), False,
-            "Masks: R ambient occlusion, G roughness, B metallic",
-        ),
-        Packed(
-            "head_specular", ("specular_albedo",),
-            lambda charts: charts.packed({"specular_albedo": half}, ("specular_albedo",) * 3), False,
-            "Specular: 0.5 is F0 = 0.04",
-        ),
+        _normal("Normal, compression Normalmap; green points down, so Flip Green Channel stays off", up=False),
+        _of("orm", "Masks: R ambient occlusion, G roughness, B metallic", _CAVITY, _ROUGHNESS, Channel("", 0)),
+        _of("specular", "Specular: 0.5 is F0 = 0.04", *[Channel("specular_albedo", change=_half)] * 3),
         _THICKNESS,
     ),
     "unity": (
         _COLOUR,
-        _normal(True, "Normal map; green points up"),
-        Packed(
-            "head_mask", ("roughness", "cavity"),
-            lambda charts: charts.packed({"roughness": inverted}, (0, "cavity", 255, "roughness")), False,
-            "HDRP mask map: R metallic, G ambient occlusion, B detail mask, A smoothness",
+        _normal("Normal map; green points up", up=True),
+        _of(
+            "mask", "HDRP mask map: R metallic, G ambient occlusion, B detail mask, A smoothness",
+            Channel("", 0), _CAVITY, Channel(""), Channel("roughness", change=lambda codes: np.invert(codes)),
         ),
-        Packed(
-            "head_specular", ("specular_albedo",), lambda charts: charts.packed({}, ("specular_albedo",) * 3), False,
-            "share of F0 = 0.04",
-        ),
+        _of("specular", "share of F0 = 0.04", *[_SPECULAR] * 3),
         _THICKNESS,
     ),
     "maya": (
         _COLOUR,
-        _normal(True, "aiNormalMap or bump2d in Tangent Space Normals; green points up"),
-        Packed(
-            "head_roughness", ("roughness",), lambda charts: charts.codes("roughness")[..., 0], False,
-            "specularRoughness, alpha is luminance",
-        ),
-        Packed(
-            "head_specular", ("specular_albedo",), lambda charts: charts.codes("specular_albedo")[..., 0], False,
-            "specular weight at IOR 1.5",
-        ),
+        _normal("aiNormalMap or bump2d in Tangent Space Normals; green points up", up=True),
+        _of("roughness", "specularRoughness, alpha is luminance", _ROUGHNESS),
+        _of("specular", "specular weight at IOR 1.5", _SPECULAR),
         _THICKNESS,
     ),
 }  # fmt: skip

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from service import budget
-from service.budget import OVER_BUDGET, Speed, estimate_seconds, measure_speed, within_budget
+from service.budget import OVER_BUDGET, NetworkSpeed, Speed, estimate_seconds, measure_speed, within_budget
 from service.levels import LEVELS
 from service.map_registry import MAP_NAMES
 from service.options import TEXTURE_MAPS, Options
@@ -20,10 +20,8 @@ SPEED = Speed(
     yardstick=0.03,
     transform=0.03,
     packing=0.08,
-    networks={**dict.fromkeys(TILED, 0.5), "zeta_body": 1.0, "delta_context": 0.2},
-    opening=dict.fromkeys((*TILED, "zeta_body", "delta_context"), 0.2),
-    halos=TILED,
-    whole=frozenset({"zeta_body", "delta_context"}),
+    networks={name: NetworkSpeed(0.2, 0.5, tiles) for name, tiles in TILED.items()}
+    | {"zeta_body": NetworkSpeed(0.2, 1.0), "delta_context": NetworkSpeed(0.2, 0.2)},
 )
 
 
@@ -52,8 +50,9 @@ def test_the_measurement_covers_every_network(tmp_path: Path) -> None:
     networks = ReflectancePlan.of(ROLES).networks
     speed = measure_speed(Engine(threads=1, folder=toy_folder(tmp_path)), networks)
     assert set(speed.networks) == set(networks)
-    assert speed.whole == {"zeta_body", "delta_context"}
-    assert all(value > 0 for value in (*speed.networks.values(), speed.yardstick, speed.transform, speed.packing))
+    assert {name for name, one in speed.networks.items() if one.tiles is None} == {"zeta_body", "delta_context"}
+    costs = [one.seconds for one in speed.networks.values()]
+    assert all(value > 0 for value in (*costs, speed.yardstick, speed.transform, speed.packing))
     options = Options(maps=MAP_NAMES)
     assert 0 < estimate_seconds(speed, options, options.plan()) < 1e4
 

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from service.archive.avatar import licences_text
 from service.archive.container import MEMBERS
 from service.archive.images import decode_normals8
-from service.archive.licences import licences_text
 from service.archive.maps import GLB_TEXTURE_PX, chart_pictures
 from service.archive.pack import archive_members, write_archive
 from service.errors import NumericFault

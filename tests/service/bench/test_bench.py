@@ -11,9 +11,22 @@ import numpy as np
 import pytest
 
 from service import diagnosis
-from service.bench.losses import SAME_DB, decibels, degrees, line, loss_of, pareto
 from service.bench.report import MARK, as_markdown, draw, put
-from service.bench.runs import COMPARED, Run, face_of, isolated, make, run_bench, runs
+from service.bench.runs import (
+    COMPARED,
+    SAME_DB,
+    Row,
+    decibels,
+    degrees,
+    face_of,
+    isolated,
+    line,
+    loss_of,
+    make,
+    pareto,
+    run_bench,
+    runs,
+)
 from service.cli.bench_and_doctor import bench as command
 from service.errors import Crashed, ModelFault, UsageError
 from service.levels import LEVELS
@@ -106,15 +119,15 @@ def test_a_process_that_dies_is_a_fault_not_a_hang() -> None:
 def test_the_table_of_real_avatars(tmp_path: Path) -> None:
     """Three sizes of the sample: less is lost the nearer they come to the largest, and a run that fails is told."""
     options = Options(quality="draft", face="largest", fit="landmarks", hair="none")
-    chosen = [Run(f"{width} wide", replace(options, size=(width, width * 2 // 3))) for width in (96, 192, 384)]
-    refused = Run("no such face", replace(options, face=7))
+    chosen = [Row(f"{width} wide", replace(options, size=(width, width * 2 // 3))) for width in (96, 192, 384)]
+    refused = Row("no such face", replace(options, face=7))
 
     def here(*arguments: object) -> object:
         return make(*arguments[1:])  # type: ignore[arg-type]
 
     found = run_bench([refused, *chosen], launch=here)
-    assert found.rows[0].fault and found.rows[0].made is None
-    lost = [dict(row.losses or {}) for row in found.rows[1:]]
+    assert found.rows[0].fault and not found.rows[0].losses
+    lost = [dict(row.losses) for row in found.rows[1:]]
     assert all(lost[0][name] > lost[1][name] > lost[2][name] == 0 for name in COMPARED), lost
     assert found.rows[-1].front and found.line is not None
     json.dumps(found.to_json(), allow_nan=False)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.bench.losses import degrees
+from service.bench.runs import degrees
 from service.colour import FULL_CODE, linear_to_srgb
 from service.geometry.chart import Chart
 from service.head.files import load_head
