@@ -93,26 +93,15 @@ def test_a_server_that_refuses_the_key_is_named(
 @pytest.mark.parametrize(
     "words",
     [
-        ["photos"],
-        ["no-such-folder", "out"],
-        ["photos", "out", "--jobs", "0"],
-        ["photos", "out", "--timeout", "0"],
-        ["photos", "out", "--timeout", "nan"],
-        ["photos", "out", "--size", "5x5"],
-        ["photos", "out", "--maps", "albedo"],
-        ["photos", "out", "--seed", "-1"],
-        ["photos", "out", "--keep"],
-        ["photos", "out", "--shard", "3/2"],
-        ["photos", "out", "--shard", "all"],
-        ["photos", "out", "--shard", "1/2", "--watch"],
-        ["photos", "out", "--database", "postgresql://127.0.0.1:9/x", "--jobs", "2"],
-        ["photos", "out", "--database", "postgresql://127.0.0.1:9/x", "--server", "http://127.0.0.1:9"],
-        ["photos", "out", "--head", "no-such-head.npz"],
-        ["photos", "out", "--server", "ftp://example.org"],
-        ["photos", "out", "--server", "http://127.0.0.1:9", "--head", "photos/a.jpg"],
-        ["photos", "full"],
+        ["photos"], ["no-such-folder", "out"], ["photos", "full"],
+        *(["photos", "out", *words.split()] for words in (
+            "--jobs 0", "--timeout 0", "--timeout nan", "--size 5x5", "--maps albedo", "--seed -1", "--keep",
+            "--shard 3/2", "--shard all", "--shard 1/2 --watch", "--database postgresql://127.0.0.1:9/x --jobs 2",
+            "--database postgresql://127.0.0.1:9/x --server http://127.0.0.1:9", "--head no-such-head.npz",
+            "--server ftp://example.org", "--server http://127.0.0.1:9 --head photos/a.jpg",
+        )),
     ],
-)
+)  # fmt: skip
 def test_usage_errors_end_with_two(
     capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
 ) -> None:
