@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import sqlalchemy as sa
@@ -206,14 +206,11 @@ class NewJob:
 
     def row(self) -> dict[str, Any]:
         """Columns of the job as it is stored first."""
-        return {
-            "id": self.id, "tenant": self.tenant, "workflow": f"{self.id}.1", "state": "queued", "stage": None,
-            "progress": 0.0, "created_at": now(), "updated_at": now(), "options": json.dumps(self.options),
-            "photo": self.photo, "photo_sha256": self.photo_sha256, "photo_bytes": self.photo_bytes,
-            "keep_photo": self.keep_photo, "key": self.key, "digest": self.digest, "warnings": "[]", "timings": "{}",
-            "crashes": 0, "events": 0, "swept": False, "kind": self.kind, "source": self.source,
-            "priority": self.priority, "turn": 0, "metadata": json.dumps(self.metadata), "webhook": self.webhook,
-            "trace": self.trace,
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        return given | {
+            "workflow": f"{self.id}.1", "state": "queued", "stage": None, "progress": 0.0, "created_at": now(),
+            "updated_at": now(), "options": json.dumps(self.options), "metadata": json.dumps(self.metadata),
+            "warnings": "[]", "timings": "{}", "crashes": 0, "events": 0, "swept": False, "turn": 0,
         }  # fmt: skip
 
 

@@ -91,7 +91,10 @@ class Worker:
 
     def beat(self) -> None:
         """Give a sign of life, and end where the lock on the name is lost."""
-        self._lock.check()
+        try:
+            self._lock.check()
+        except sa.exc.SQLAlchemyError:
+            self.quit("the lock on the name may be lost")
         values = {
             "version": __version__, "ready": self._ready, "fault": self._fault,
             "seen_at": seconds_of_database(self.engine),
@@ -159,8 +162,6 @@ class Worker:
         except (sa.exc.SQLAlchemyError, OSError) as error:
             self._failing_since = self._failing_since or time.monotonic()
             log.warning("a chore failed: %s", error)
-            if chore == self.beat and self.engine.dialect.name != "sqlite":
-                self.quit("the lock on the name may be lost")
             if time.monotonic() - self._failing_since > PATIENCE:
                 self.quit("database or disk cannot be reached")
 

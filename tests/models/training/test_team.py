@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -38,6 +39,13 @@ def agent(folder: Path, data: Path, port: int, name: str) -> subprocess.Popen[by
         return subprocess.Popen([*command, *train], stdout=log, stderr=log)
 
 
+def listens(port: int) -> bool:
+    """Whether somebody does on this machine."""
+    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
+        return True
+    return False
+
+
 def end(machine: subprocess.Popen[bytes]) -> None:
     """The agent and the process that trains, which has a session of its own."""
     for process in (machine.pid, *descendants(machine.pid)):
@@ -47,7 +55,12 @@ def end(machine: subprocess.Popen[bytes]) -> None:
 
 
 def alone(data: Path, folder: Path) -> tuple[Tensor, Tensor]:
-    """All weights of a run by one process, before it and after."""
+    """All weights of a run by one process, before it and after.
+
+    With one thread, as the members have: with two the sums of a convolution are rounded otherwise, and Adam makes of a
+    rounding of 1e-7 in one step 1.4 % of the way after a hundred.
+    """
+    torch.set_num_threads(1)
     task = TASKS["psi"](data, 64)
     task.refresh()
     run = Run("psi", "slim", STEPS, 1, 64, 1e-3, 1, 0.6, 0.0, parts=2)
@@ -66,16 +79,18 @@ def test_a_machine_that_is_lost_costs_the_steps_since_the_checkpoint(data: Path,
     """And the weights are those of a run that nothing happened to, and that one process made."""
     port, log = free_port(), tmp_path / "run" / "log.jsonl"
     agents = [agent(tmp_path, data, port, "first")]
-    time.sleep(1.0)  # the first one holds the rendezvous, and must not die
+    while not listens(port):  # the first one holds the rendezvous, and must not die
+        assert agents[0].poll() is None, (tmp_path / "first.log").read_text()[:4000]
+        time.sleep(0.2)
     agents.append(agent(tmp_path, data, port, "second"))
     try:
-        deadline = time.monotonic() + 200
+        deadline = time.monotonic() + 600
         while not (log.exists() and log.read_text().count("\n") >= 3) and time.monotonic() < deadline:
             assert agents[0].poll() is None, (tmp_path / "first.log").read_text()[:4000]
             time.sleep(0.05)
         end(agents[1])
         before = log.read_text().count("\n")
-        assert agents[0].wait(200) == 0, (tmp_path / "first.log").read_text()[-4000:]
+        assert agents[0].wait(600) == 0, (tmp_path / "first.log").read_text()[-4000:]
     finally:
         for one in agents:
             end(one)
@@ -86,10 +101,9 @@ def test_a_machine_that_is_lost_costs_the_steps_since_the_checkpoint(data: Path,
     first, wanted = alone(data, tmp_path / "alone")
     found = torch.load(tmp_path / "run" / "checkpoint.pt", weights_only=True)
     assert found["step"] == STEPS
-    # Parts are added in another order, and Adam turns a rounding of a gradient near 0 into a step of that one weight:
-    # 0.06 was seen.
+    # Two parts have the same sum whoever adds them up, and a checkpoint holds all that the next step depends on.
     off = float((flat(found["average"]) - wanted).norm() / (wanted - first).norm())
-    assert off < 0.15, off
+    assert off < 1e-6, off
 
 
 def test_members_share_all_parts_of_a_step_and_no_two_parts_are_alike() -> None:
