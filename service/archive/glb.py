@@ -155,15 +155,17 @@ class Picture:
 class GltfMaterials:
     """Collects the materials of a file and the textures that they use."""
 
-    def __init__(self, writer: GltfWriter, charts: Mapping[str, Picture]) -> None:
+    def __init__(self, writer: GltfWriter, charts: Mapping[str, Picture], own: Mapping[str, bytes]) -> None:
         """For a file.
 
         Args:
             writer: takes the pictures.
             charts: maps of the chart by role, in glTF's coding: specular albedo in alpha, roughness in green, cavity
                 in red; roles that share a picture share a texture.
+            own: PNG of parts' own textures by name, taken as they are where glTF reads the same channels.
         """
         self._writer = writer
+        self._own = own
         self._charts = charts
         self._written: list[Object] = []
         self._names: dict[str, int] = {}
@@ -245,7 +247,10 @@ class GltfMaterials:
             return None if picture is None else self._image(one.role, "", picture)
         if (id(one), slot) in self._known:
             return self._known[id(one), slot]
-        return self._image(one.name, slot, _encoded(packed(one.pixels, slot), slot), id(one))
+        pixels = packed(one.pixels, slot)
+        whole = pixels is one.pixels and one.name in self._own and not _as_jpeg(pixels, slot)
+        picture = Picture(self._own[one.name], "image/png") if whole else _encoded(pixels, slot)
+        return self._image(one.name, slot, picture, id(one))
 
     def _image(self, name: str, slot: str, picture: Picture, key: int | None = None) -> int:
         key = id(picture) if key is None else key
@@ -257,8 +262,12 @@ class GltfMaterials:
         return self._known[key, slot]
 
 
+def _as_jpeg(pixels: UInt8, slot: Slot) -> bool:
+    return slot == "colour" and pixels.shape[2] == 3
+
+
 def _encoded(pixels: UInt8, slot: Slot) -> Picture:
-    if slot == "colour" and pixels.shape[2] == 3:
+    if _as_jpeg(pixels, slot):
         return Picture(encode_jpeg(pixels, JPEG_QUALITY), "image/jpeg")
     return Picture(encode_png_rows(Rows.of(pixels), srgb=slot == "colour"), "image/png")
 
@@ -312,6 +321,7 @@ def glb_bytes(
     expression: Mapping[str, float],
     head: str,
     licence: str,
+    own: Mapping[str, bytes] | None = None,
 ) -> bytes:
     """Binary glTF of a head in its neutral pose, as all morph weights are zero.
 
@@ -322,9 +332,10 @@ def glb_bytes(
         expression: weight of each blendshape in the photo, kept in ``extras.expressionWeights``.
         head: name of the head model, in ``asset.extras``.
         licence: of the head model, likewise.
+        own: PNG of parts' own textures by name, where they are encoded already.
     """
     writer = GltfWriter()
-    materials = GltfMaterials(writer, charts)
+    materials = GltfMaterials(writer, charts, own or {})
     drawn = [part for part in parts if part.material.opacity > 0]
     meshes = [_mesh(writer, Piece.of(part), units, materials) for part in drawn]
     nodes: list[Object] = [{"name": part.name, "mesh": index} for index, part in enumerate(drawn)]

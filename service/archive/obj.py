@@ -25,10 +25,11 @@ import numpy as np
 from service.archive.images import decode_normals8, exr_bytes
 from service.archive.maps import MapFiles
 from service.archive.surfaces import vertex_normals
-from service.arrays import AnyFloat, Float32, Float64, Int32, UInt8
+from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int32, Int64, UInt8
 from service.errors import BadMesh, NumericFault
 from service.head.files import split_polygons, triangle_fields
 from service.head.model import HeadModel
+from service.image_filters import shrunk
 from service.materials.material import ChartMap, Map, Material, OwnMap
 from service.materials.part import MeshPart, is_cards, material_of, part_normals
 
@@ -57,22 +58,51 @@ def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str) -> bytes:
 def parts_obj_bytes(parts: Sequence[MeshPart], title: str) -> bytes:
     """OBJ text of parts beside the head's own, in the photo's expression; materials are those of ``head.mtl``.
 
-    They have one smoothing group each and no normals, which every reader computes, but for masked cards.
+    They have one smoothing group each and no normals, which every reader computes, but for masked cards. Places on the
+    chart and normals that are alike are written once.
     """
-    points, charts = [part.vertices for part in parts], [part.uv for part in parts]
-    normals = [part_normals(part, part.vertices, split_polygons(part.polygons)) for part in parts if is_cards(part)]
-    return _text(title, sum(len(part.faces) for part in parts), points, charts, normals, _part_faces(parts), "%.5f")
+    points = [part.vertices for part in parts]
+    charts = [_distinct(part.uv, PART_DIGITS["vt"]) for part in parts]
+    normals = [
+        _distinct(part_normals(part, part.vertices, split_polygons(part.polygons)), PART_DIGITS["vn"])
+        if is_cards(part) else None
+        for part in parts
+    ]  # fmt: skip
+    faces, before = [], np.zeros(3, np.int64)
+    for part, (chart, place), normal in zip(parts, charts, normals, strict=True):
+        columns = [part.polygons + before[0], place[part.polygons_uv] + before[1]]
+        columns += [] if normal is None else [normal[1][part.polygons] + before[2]]
+        faces += [_begin(part.name, part.material.name), _faces(part.polygons, columns)]
+        before += [len(part.vertices), len(chart), 0 if normal is None else len(normal[0])]
+    directions = [rows for rows, _ in filter(None, normals)]
+    count = sum(len(part.faces) for part in parts)
+    return _text(title, count, points, [chart for chart, _ in charts], directions, faces, PART_DIGITS)
+
+
+HEAD_DIGITS = {"v": 6, "vt": 6, "vn": 4}
+PART_DIGITS = {"v": 5, "vt": 5, "vn": 2}
+"""Decimals of a line: 10 micrometres, a fiftieth of a texel of 2048 and half a degree for parts."""
+
+
+def _distinct(rows: AnyFloat, decimals: int) -> tuple[Float64, Int64]:
+    """Rows (N, C), rounded, each once, and which of them (N,) each was: ribbons of hair share most of theirs."""
+    coded = np.rint(np.asarray(rows, np.float64) * 10**decimals).astype(np.int64)
+    key = coded[:, 0]
+    for column in coded.T[1:]:
+        key = (key << 21) + column
+    _, first, place = np.unique(key, return_index=True, return_inverse=True)
+    return coded[first] / 10**decimals, place
 
 
 def _text(
     title: str, polygons: int, points: Sequence[AnyFloat], charts: Sequence[AnyFloat], normals: Sequence[AnyFloat],
-    faces: Iterator[str], place: str = "%.6f",
+    faces: Iterable[str], digits: Mapping[str, int] = HEAD_DIGITS,
 ) -> bytes:  # fmt: skip
-    """The file; charts of parts, 1024 texels wide, are written less finely than that of the head, with 6144."""
-    header = _HEADER.format(title=title, vertices=sum(map(len, points)), polygons=polygons)
-    blocks = [header, *(_lines("v %.6f %.6f %.6f\n", rows) for rows in points)]
-    blocks += [_lines(f"vt {place} {place}\n", rows) for rows in charts]
-    blocks += [_lines("vn %.4f %.4f %.4f\n", rows) for rows in normals]
+    """The file; numbers of parts are written less finely than those of the head."""
+    blocks = [_HEADER.format(title=title, vertices=sum(map(len, points)), polygons=polygons)]
+    for kind, several in (("v", points), ("vt", charts), ("vn", normals)):
+        number = f" %.{digits[kind]}f"
+        blocks += [_lines(f"{kind}{number * rows.shape[1]}\n", rows) for rows in several]
     return "".join([*blocks, *faces]).encode("ascii")
 
 
@@ -86,36 +116,22 @@ def _own_faces(head: HeadModel) -> Iterator[str]:
         chosen = head.polygon_part == index
         if chosen.any():
             yield _begin(name, material_of(name).name)
-            yield _faces(head.polygons[chosen], head.polygon_uv[chosen], (0, 0, 0))
-
-
-def _part_faces(parts: Sequence[MeshPart]) -> Iterator[str]:
-    before, before_uv, before_normal = 0, 0, 0
-    for part in parts:
-        own = is_cards(part)
-        yield _begin(part.name, part.material.name)
-        yield _faces(part.polygons, part.polygons_uv, (before, before_uv, before_normal), normals=own)
-        before, before_uv = before + len(part.vertices), before_uv + len(part.uv)
-        before_normal += own * len(part.vertices)
+            own = head.polygons[chosen]
+            yield _faces(own, [own, head.polygon_uv[chosen], own])
 
 
 def _begin(name: str, material: str) -> str:
     return f"o {name}\ng {name}\nusemtl {material}\ns 1\n"
 
 
-def _faces(polygons: Int32, uv: Int32, before: tuple[int, int, int], *, normals: bool = True) -> str:
-    """Lines ``f v/vt/vn ...`` or ``f v/vt ...`` in the order given; a part has a normal for each vertex.
+def _faces(polygons: Int32, columns: Sequence[AnyInt]) -> str:
+    """Lines ``f v/vt/vn ...`` or ``f v/vt ...`` in the order given.
 
     Args:
         polygons: (Q, 4), -1 in the last column marks a triangle.
-        uv: (Q, 4) likewise.
-        before: vertices, chart vertices and normals written for other parts.
-        normals: whether there are any.
+        columns: (Q, 4) each: vertices, places on the chart and, where there are any, normals, counted from 0.
     """
-    columns = [polygons.astype(np.int64) + before[0], uv.astype(np.int64) + before[1]]
-    if normals:
-        columns.append(polygons.astype(np.int64) + before[2])
-    corners = np.stack(columns, 2) + 1
+    corners = np.stack(columns, 2).astype(np.int64) + 1
     present = np.repeat(polygons >= 0, corners.shape[2], axis=1)
     corner = "/".join(["%d"] * corners.shape[2])
     patterns = np.where(polygons[:, 3] < 0, f"f {' '.join([corner] * 3)}\n", f"f {' '.join([corner] * 4)}\n")
@@ -183,7 +199,9 @@ def data_maps(materials: Iterable[Material], files: MapFiles, charts: Mapping[st
             if name is None or name in made:
                 continue
             if one is not None:
-                values = _own_values(one, slot) if isinstance(one, OwnMap) else charts[one.role]
+                values = charts[one.role] if isinstance(one, ChartMap) else _own_values(one, slot)
+                if material.strand_map is not None:  # noise that compresses badly, and at a distance is none
+                    values = shrunk(values, (values.shape[1] // 2, values.shape[0] // 2))
                 made[name] = exr_bytes(_coded(values, slot))
     return made
 

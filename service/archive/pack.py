@@ -59,8 +59,9 @@ def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes
         pictures, values = pool.submit(chart_pictures, avatar), pool.submit(chart_values, avatar)
         textures = pool.submit(_textures, avatar)
         parts, maps = drawn_parts(avatar), map_files(avatar)
-        drawn = meshes(avatar, parts, maps, pictures.result, values.result)
-        files = packed.result() | drawn | textures.result()
+        drawn = meshes(avatar, parts, maps, pictures.result, values.result, textures.result)
+        own = {f"maps/parts/{name}.png": data for name, data in textures.result().items()}
+        files = packed.result() | drawn | own
         files |= {"LICENSES.md": licences_text(avatar).encode()} | previews.result()
     files["manifest.json"] = to_json(describe(avatar, files, parts, maps, timings=timings))
     return files
@@ -72,6 +73,7 @@ def meshes(
     maps: MapFiles,
     pictures: Callable[[], Mapping[str, Picture]],
     values: Callable[[], Mapping[str, Float32]],
+    textures: Callable[[], Mapping[str, bytes]],
 ) -> dict[str, bytes]:
     """Name -> content of everything under ``mesh/``.
 
@@ -81,6 +83,7 @@ def meshes(
         maps: its ``map_files``.
         pictures: gives its ``chart_pictures``, which may be drawn meanwhile.
         values: gives its ``chart_values``, likewise.
+        textures: gives the PNG of its parts' own textures by name, likewise.
 
     Raises:
         NumericFault: a vertex is not finite, or names of parts are ambiguous.
@@ -95,14 +98,6 @@ def meshes(
         **({"mesh/parts.obj": parts_obj_bytes(avatar.parts, title)} if avatar.parts else {}),
         "mesh/head.mtl": mtl_bytes([*map(material_of, head.part_names), *materials], maps),
         "mesh/head.mtlx": mtlx_bytes(materials, maps),
-        "mesh/head.glb": glb_bytes(
-            parts,
-            pictures(),
-            units=head.expression_names,
-            expression=weights,
-            head=head.name,
-            licence=head.licence,
-        ),
         "mesh/head.usda": usda_bytes(
             parts,
             maps,
@@ -111,6 +106,15 @@ def meshes(
             expression=weights,
             joints=joints,
             weights=joint_weights(head, joints),
+        ),
+        "mesh/head.glb": glb_bytes(
+            parts,
+            pictures(),
+            units=head.expression_names,
+            expression=weights,
+            head=head.name,
+            licence=head.licence,
+            own=textures(),
         ),
     }
     fine_wanted = LEVELS[avatar.options.get("quality", "standard")].fine_mesh
@@ -142,8 +146,6 @@ def _previews(avatar: Avatar) -> dict[str, bytes]:
 
 
 def _textures(avatar: Avatar) -> dict[str, bytes]:
-    """PNG of each texture of a part's own."""
+    """PNG of each texture of a part's own, by its name."""
     own = {one.name: (one, one is part.material.colour_map) for part in avatar.parts for one in part.own_maps}
-    return {
-        f"maps/parts/{name}.png": encode_png(one.pixels, srgb=colour, level=7) for name, (one, colour) in own.items()
-    }
+    return {name: encode_png(one.pixels, srgb=colour, level=7) for name, (one, colour) in own.items()}

@@ -3,8 +3,8 @@
 
 A SkelRoot with one Mesh per part (original polygons with ``subdivisionScheme = "none"``, chart as ``primvars:st``,
 origin bottom left: face-varying with indices, or one per vertex where the texture has no cuts), the ARKit units as
-UsdSkel blendshapes, a skeleton, and one material per kind of surface. Positions are whole micrometres, offsets of
-blendshapes tens of them.
+UsdSkel blendshapes, a skeleton, and one material per kind of surface. Positions are whole micrometres, those of cards
+of hair and offsets of blendshapes tens of them.
 
 Strands are linear curves from root to tip on the head at rest, with a width and a colour at each point: what Blender
 reads as hair curves, and Houdini and Unreal (with its plug-ins for USD and for hair) as grooms.
@@ -24,7 +24,7 @@ from service.arrays import Float32, Float64, Int64
 from service.hair.groom import Groom
 from service.hair.guides import resampled
 from service.head.files import split_polygons
-from service.materials.part import MeshPart, part_normals
+from service.materials.part import MeshPart, is_cards, part_normals
 
 SMALLEST_OFFSET_M = 2.5e-5
 """Shorter offsets of a blendshape are left out."""
@@ -144,7 +144,7 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
         "float3[] extent": f"[{fixed_tuples([both.min(0), both.max(0)], 6)}]",
         "int[] faceVertexCounts": f"[{integers(present.sum(1))}]",
         "int[] faceVertexIndices": f"[{integers(polygons[present])}]",
-        "point3f[] points": f"[{fixed_tuples(part.neutral, 6)}]",
+        "point3f[] points": f"[{fixed_tuples(part.neutral, 5 if is_cards(part) else 6)}]",
         "normal3f[] normals": f"[{fixed_tuples(still, 2)}]",
         **chart,
         "int[] primvars:skel:jointIndices": f"[{integers(indices)}]",
@@ -178,7 +178,7 @@ def _influences(weights: Float32) -> tuple[Float32, Int64]:
 def _chart(part: MeshPart) -> tuple[dict[str, str | None], str]:
     """The primvar ``st`` of a part, and its interpolation."""
     if part.uv_faces is None:
-        return {"texCoord2f[] primvars:st": f"[{fixed_tuples(part.uv, 5)}]"}, _VERTEX
+        return {"texCoord2f[] primvars:st": f"[{fixed_tuples(part.uv, 4 if is_cards(part) else 5)}]"}, _VERTEX
     places = part.polygons_uv
     used, index = np.unique(places[places >= 0], return_inverse=True)
     return {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
 
@@ -129,13 +128,14 @@ def _assigned(value: Value, parent: str) -> str:
 def fixed_tuples(rows: AnyFloat | Sequence[AnyFloat], decimals: int) -> str:
     """Rows (N, C), rounded to so many decimals, as "(a,b),(c,d)" in as few characters as the values allow."""
     values = np.asarray(rows, np.float64)
+    if not len(values):
+        return ""
     codes, place = np.unique(np.rint(values * 10**decimals).astype(np.int64), return_inverse=True)
     words = [_shortest(code, decimals) for code in codes.tolist()]
-    flat = [words[index] for index in place.ravel().tolist()]
-    return ",".join(f"({','.join(flat[at : at + values.shape[1]])})" for at in range(0, len(flat), values.shape[1]))
+    columns = [map(words.__getitem__, column) for column in place.reshape(values.shape).T.tolist()]
+    return f"({'),('.join(map(','.join, zip(*columns, strict=True)))})"
 
 
-@lru_cache(maxsize=1 << 16)
 def _shortest(code: int, decimals: int) -> str:
     """Code * 10^-decimals: "0.125" or "125e-5", whichever is shorter.
 
@@ -143,11 +143,10 @@ def _shortest(code: int, decimals: int) -> str:
     """
     if code == 0:
         return "0"
-    digits = str(abs(code))
-    power, padded = f"{digits}e-{decimals}", digits.rjust(decimals + 1, "0")
-    point = len(padded) - decimals
-    plain = f"{padded[:point]}.{padded[point:]}".rstrip("0").rstrip(".")
-    return ("-" if code < 0 else "") + (plain if len(plain) <= len(power) else power)
+    sign, size = ("-", -code) if code < 0 else ("", code)
+    whole, part = divmod(size, 10**decimals)
+    plain, power = f"{whole}.{part:0{decimals}d}".rstrip("0").rstrip("."), f"{size}e-{decimals}"
+    return sign + (plain if len(plain) <= len(power) else power)
 
 
 def numbers(values: AnyFloat, digits: int) -> str:

@@ -35,6 +35,8 @@ THICKNESS = 1.45
 """Texels of a strand's width, at its root."""
 TAPER = 0.16
 """Share of its length over which a strand gets thin."""
+COLOUR_STEP = 4
+"""Codes between two colours: strands differ by far more, and files are a quarter smaller."""
 TILT = 0.3
 """Standard deviation of the slope by which strands are turned about themselves."""
 
@@ -210,7 +212,8 @@ def draw_atlas(strokes: Strokes, cells: Cells, side: int, roots: Float32, rng: n
          (stroke * 97 % 251) / 255.0, (stroke % 64) / 63.0], 1,
     )  # fmt: skip
     colour, data[..., 5:] = _filled(colour, shown), _filled(data[..., 5:], shown)
-    pixels = np.dstack([np.rint(255 * np.clip(colour, 0, 1)), np.rint(255 * alpha)]).astype(np.uint8)
+    steps = COLOUR_STEP * np.rint((255 // COLOUR_STEP) * np.clip(colour, 0, 1))
+    pixels = np.dstack([steps, np.rint(255 * alpha)]).astype(np.uint8)
     _paint_cap(pixels, cells, linear_to_srgb(roots), rng)
     half = (side // 2, side // 2)
     weight = np.where(shown, 1.0, 1e-3).astype(np.float32)[..., None]
