@@ -90,9 +90,19 @@ def examine() -> dict[str, Any]:
         "libraries": libraries,
         "runtimes": diagnosis.runtimes(),
         "data_files": files,
+        "compiled_networks": _compiled_networks(),
         "self_test": trial,
         "faults": faults + trouble,
     }
+
+
+def _compiled_networks() -> dict[str, Any]:
+    """Where OpenVINO's compiled networks are kept (null: nowhere), how many and how large."""
+    from service.runtime import compiled_networks
+
+    count, size = compiled_networks.kept()
+    place = compiled_networks.folder()
+    return {"folder": None if place is None else str(place), "files": count, "megabytes": round(size, 1)}
 
 
 def self_test() -> tuple[dict[str, Any], list[str]]:
@@ -122,6 +132,7 @@ def self_test() -> tuple[dict[str, Any], list[str]]:
 def as_text(findings: dict[str, Any]) -> str:
     """The findings as text, one line each, faults last."""
     cpu, memory, trial = findings["cpu"], findings["memory_mb"], findings["self_test"]
+    cache = findings["compiled_networks"]
     versions = ", ".join(f"{name} {version or 'not installed'}" for name, version in findings["libraries"].items())
     lines = [
         f"avatarme   {findings['avatarme']}, Python {findings['python']}, {findings['platform']}",
@@ -130,6 +141,7 @@ def as_text(findings: dict[str, Any]) -> str:
         f"libraries  {versions}",
         f"runtimes   {', '.join(findings['runtimes']) or 'none'}",
         f"data       {len(findings['data_files'])} files listed",
+        f"compiled   {cache['files']} networks, {cache['megabytes']} MB in {cache['folder'] or 'no folder'}",
     ]
     if trial:
         lines.append(

@@ -10,8 +10,9 @@ On an accelerator the same networks run by onnxruntime's providers for CUDA and 
 float32. ``auto`` takes one that is there, but never TensorRT, which compiles each size of input for minutes. No such
 machine was at hand: the tests compare with onnxruntime on the processor wherever they find one, and no time is known.
 
-OpenVINO compiles a network for a fifth of a second, on one core. Fit and texture use one core too; so the networks of
-the later stages are made ready beside them (:func:`loading_ahead`).
+OpenVINO compiles a network for a fifth of a second, on one core, and later runs read it from a cache
+(``service.runtime.compiled_networks``). Fit and texture use one core too; so the networks of the later stages are made
+ready beside them (:func:`loading_ahead`).
 
 What a network takes and how far it looks stands in its ONNX file, as JSON under the key "description": another network
 of the same role takes its place without a change of code.
@@ -19,6 +20,8 @@ of the same role takes its place without a change of code.
 
 from __future__ import annotations
 
+import contextlib
+import io
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -34,6 +37,7 @@ from pydantic import Strict, TypeAdapter, ValidationError
 
 from service.arrays import Float32
 from service.errors import ModelFault, OutOfMemory, UsageError
+from service.runtime import compiled_networks
 from service.runtime.network_registry import networks_of
 from service.runtime.sessions import (
     MODELS,
@@ -369,10 +373,13 @@ def _openvino(name: str, data: bytes, engine: Engine) -> Loaded:
         }
         if device == "CPU":
             settings["INFERENCE_NUM_THREADS"] = engine.threads
-        compiled = core.compile_model(model, device, settings)
+        if device == "CPU":
+            whole = _compiled(core, name, data, model, settings)
+        else:
+            whole = core.compile_model(model, device, settings)
         idle: SimpleQueue[Any] = SimpleQueue()
         for _ in range(engine.lanes(description)):
-            idle.put(compiled.create_infer_request())
+            idle.put(whole.create_infer_request())
     except ModelFault:
         raise
     except Exception as error:  # OpenVINO's own exception types are not public
@@ -389,6 +396,19 @@ def _openvino(name: str, data: bytes, engine: Engine) -> Loaded:
             idle.put(request)
 
     return description, compute
+
+
+def _compiled(core: Any, name: str, data: bytes, model: Any, settings: dict[str, object]) -> Any:
+    """The model compiled for the processor, or read from where an earlier run kept it."""
+    place = compiled_networks.place(name, data, openvino_library().get_version(), settings)
+    blob = compiled_networks.read(place)
+    if blob is not None:
+        with contextlib.suppress(RuntimeError):  # of another build; it is compiled and kept anew
+            return core.import_model(io.BytesIO(blob), "CPU", settings)
+    made = core.compile_model(model, "CPU", settings)
+    if place is not None:
+        compiled_networks.write(place, bytes(made.export_model().getvalue()))
+    return made
 
 
 class Ahead:
