@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
@@ -44,6 +45,7 @@ from service.hair.reading import HairNetwork
 from service.hair.wear import hair_cards, hair_in_albedo
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.levels import Size
 from service.likeness import likeness
 from service.materials.part import coarser
 from service.options import Options, installed
@@ -89,6 +91,7 @@ def make_avatar(
     head_file: Path | None = None,
     stages: StageCache = NoCache(),  # noqa: B008 - holds nothing
     tile: int = DEFAULT_TILE,
+    loaded: FaceNetworks | None = None,
 ) -> Avatar:
     """Make an avatar from the bytes of image files.
 
@@ -101,6 +104,7 @@ def make_avatar(
         stages: keeps the results of finished stages for a run that was cut off and begins again.
         tile: inner side of the tiles that networks see, in texels. Smaller ones take less memory and more time; no
             texel changes by more than rounding, and the warning ``small-tiles`` says that bytes may.
+        loaded: networks of faces, loaded ahead for this one photo; None to load them now.
 
     Returns:
         The avatar; photos that were of no use are in ``left_out``, and the warning is ``photos-left-out``.
@@ -117,12 +121,12 @@ def make_avatar(
         warnings += (SMALL_TILES,)
     early = plan.networks if tile >= DEFAULT_TILE else ()  # where tiles are small, memory is scarce
     engine = choose_engine(options.runtime, precision=options.level.precision)
+    reads = options.fit != "landmarks" and installed(READERS)
+    networks = FaceNetworks(reads) if loaded is None else loaded
     stage = _Timed(progress, BEFORE_NETWORKS if plan.stages else 1.0)
     with ThreadPoolExecutor(3) as pool, ExitStack() as held:
         # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
-        networks = _FaceNetworks(pool, options.fit != "landmarks" and installed(READERS))
-        head_and_chart = pool.submit(_head_and_chart, options, head_file)
-        pool.submit(import_module, "scipy.optimize")
+        head_and_chart = pool.submit(_head_and_chart, options.base_size, head_file)
 
         with stage("decode"):
             gathered = kept("decode", lambda: decoded(with_frames(files, networks.finder)))
@@ -132,7 +136,7 @@ def make_avatar(
         engine = held.enter_context(loading_ahead(early, engine))  # only now, as many a photo is refused
         with stage("fit"):
             head, chart = head_and_chart.result()
-            if networks.reads:
+            if reads:
                 gathered = kept("read", lambda: read_all(gathered, networks.readers()))
             gathered = kept("fit", lambda: fitted(gathered, head, options.fit_settings()))
             photo, face, reading, fit = gathered.first
@@ -141,8 +145,9 @@ def make_avatar(
         with stage("hair"):
             count = options.level.strands
             wanted_hair = options.asked_hair()
+            hair_network = networks.hair() if reads else None
             hair = kept(
-                "hair", lambda: find_hair(photo, head, fit, reading, wanted_hair, count, options.seed, networks.hair())
+                "hair", lambda: find_hair(photo, head, fit, reading, wanted_hair, count, options.seed, hair_network)
             )
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
         with stage("texture"):
@@ -214,14 +219,27 @@ def make_avatar(
     )
 
 
-class _FaceNetworks:
-    """What finds, reads and compares faces: loaded while photos are decoded, dropped before the maps take memory."""
+class FaceNetworks:
+    """What finds, reads and compares faces: loaded by threads, dropped before the maps take memory.
 
-    def __init__(self, pool: ThreadPoolExecutor, reads: bool) -> None:
-        """``reads`` says whether faces are to be read."""
-        self.reads = reads
-        kinds: list[Callable[[], Any]] = [FaceFinder, Recogniser, *([Readers, HairNetwork] if reads else [])]
+    A process that waits for a photo may load them, the head in the box and its chart ahead.
+    """
+
+    def __init__(self, reads: bool = True, *, ahead: bool = False) -> None:
+        """Begin to load.
+
+        Args:
+            reads: whether faces are to be read; without their networks they are not.
+            ahead: load the head in the box and its usual chart, too.
+        """
+        self.reads = reads and installed(READERS)
+        kinds: list[Callable[[], Any]] = [FaceFinder, Recogniser, *([Readers, HairNetwork] if self.reads else [])]
+        pool = ThreadPoolExecutor(2)
         self._loads: list[Future[Any]] = [pool.submit(kind) for kind in kinds]
+        pool.submit(import_module, "scipy.optimize")
+        if ahead:
+            pool.submit(_usual_head_and_chart, Options().base_size)
+        pool.shutdown(wait=False)
 
     def finder(self) -> FaceFinder:
         """Finds faces."""
@@ -264,12 +282,12 @@ class _Timed:
 def _face_in(
     photo: Photo,
     options: Options,
-    networks: _FaceNetworks,
+    networks: FaceNetworks,
     head_and_chart: Future[tuple[HeadModel, Chart]],
 ) -> Face:
     """The face to take; where none is found, a doubtful one that the reader makes out."""
     faces = networks.finder().find(photo.pixels)
-    if not faces and networks.reads:
+    if not faces and options.fit != "landmarks" and networks.reads:
         doubted = networks.finder().doubted(photo.pixels)
         faces = faces_by_reading(photo.pixels, doubted, head_and_chart.result()[0], networks.readers().pixels)
     return choose_face(faces, options.face, photo.size)
@@ -290,6 +308,14 @@ def _sources(gathered: Gathered, texture: Texture, *, detail: bool) -> tuple[Sou
     return tuple(found)
 
 
-def _head_and_chart(options: Options, head_file: Path | None) -> tuple[HeadModel, Chart]:
+def _head_and_chart(size: Size, head_file: Path | None) -> tuple[HeadModel, Chart]:
+    if head_file is None:
+        return _usual_head_and_chart(size)
     head = load_head(head_file)
-    return head, Chart.build(head, *options.base_size)
+    return head, Chart.build(head, *size)
+
+
+@lru_cache(maxsize=1)
+def _usual_head_and_chart(size: Size) -> tuple[HeadModel, Chart]:
+    head = load_head()
+    return head, Chart.build(head, *size)

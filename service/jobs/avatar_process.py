@@ -25,6 +25,9 @@ from service.stage_cache import NoCache, StageCache
 HEAD = "head"
 """Key in the task's options that names another head model file, or null."""
 
+NETWORKS = pipeline.FaceNetworks(ahead=True)
+"""Loaded by threads while the process waits for its one task."""
+
 
 def run(task: Task, reporter: Reporter) -> None:
     """Make the avatar, write the archive and say ``done``.
@@ -45,7 +48,7 @@ def run(task: Task, reporter: Reporter) -> None:
     head = asked.pop(HEAD, None)
     avatar = pipeline.make_avatar(
         unbundled(data), options_from(asked), reporter.progress, None if head is None else Path(str(head)), stages,
-        SMALL_TILE if task.tight else DEFAULT_TILE,
+        SMALL_TILE if task.tight else DEFAULT_TILE, NETWORKS,
     )  # fmt: skip
     reporter.progress("pack", 0.9)
     output = Path(task.output)

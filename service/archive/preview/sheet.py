@@ -32,7 +32,7 @@ GREY: Colour = (118, 122, 128)
 WARNING: Colour = (176, 72, 20)
 
 _WITHOUT_FONT = str.maketrans({"°": "", "·": "-", "–": "-", "²": "2"})
-What = TypeVar("What")
+What, Made = TypeVar("What"), TypeVar("Made")
 View = tuple[str, Image]
 
 TILE = (256, 306)
@@ -43,8 +43,8 @@ SAMPLES = 1.5
 TEXTURED_YAWS = (-90, -45, 0, 45, 90)
 """Yaw of the head in the textured views, degrees."""
 
-RELIT = ((-45, -80), (0, -70), (0, 0), (0, 70), (45, 80))
-"""Yaw of the head and azimuth of the lamp in the relit views, degrees."""
+RELIT = ((-45, (-80,)), (0, (-70, 0, 70)), (45, (80,)))
+"""Yaw of the head and azimuths of the lamp in the relit views, degrees."""
 
 SEEN_SIZE = (768, 512)
 """Width and height of the colours in views: a texel is smaller than their pixels."""
@@ -70,7 +70,7 @@ def textured(avatar: Avatar) -> Iterator[View]:
 
     def view(yaw: int) -> View:
         side = "Front" if yaw == 0 else f"{'Right' if yaw > 0 else 'Left'} side, {abs(yaw)}°"
-        return side, _picture(model, yaw, colours, None, tint)
+        return side, _pictures(model, yaw, colours, [None], tint)[0]
 
     yield from _side_by_side(view, TEXTURED_YAWS)
 
@@ -83,19 +83,24 @@ def relit(avatar: Avatar) -> Iterator[View]:
     colours = bytes_to_linear(small_albedo(made.diffuse_albedo, SEEN_SIZE))
     model = DrawnHead.of(avatar.head, avatar.fit.vertices, avatar.parts)
 
-    def view(what: tuple[int, int]) -> View:
-        side = "in front" if what[1] == 0 else "on the right" if what[1] > 0 else "on the left"
-        return f"Albedo, lamp {side}", _picture(model, what[0], colours, what[1])
+    def views(what: tuple[int, tuple[int, ...]]) -> list[View]:
+        sides = ["in front" if one == 0 else "on the right" if one > 0 else "on the left" for one in what[1]]
+        pictures = _pictures(model, what[0], colours, what[1])
+        return [(f"Albedo, lamp {side}", picture) for side, picture in zip(sides, pictures, strict=True)]
 
-    yield from _side_by_side(view, RELIT)
+    for several in _side_by_side(views, RELIT):
+        yield from several
 
 
-def _picture(model: DrawnHead, yaw: float, colours: Float32, azimuth: float | None, tint: Triple = WHITE) -> Image:
-    """The avatar in linear colours (h, w, 3) of its chart, under a lamp or with light in them."""
+def _pictures(
+    model: DrawnHead, yaw: float, colours: Float32, azimuths: Sequence[float | None], tint: Triple = WHITE
+) -> list[Image]:
+    """The avatar in linear colours (h, w, 3) of its chart, under each of some lamps or, None, with light in them."""
     camera = turned_camera(framed(model.vertices, [one.part for one in model.parts]), yaw, *TILE)
     seen = see(model, camera, SAMPLES, colours)
-    light = None if azimuth is None else side_lamp(camera, azimuth)
-    return to_pixels(over(*sketch(seen, seen.read(colours), light, tint), backdrop(*TILE)))
+    lights = [None if one is None else side_lamp(camera, one) for one in azimuths]
+    lit = (sketch(seen, seen.read(colours), light, tint) for light in lights)
+    return [to_pixels(over(*one, backdrop(*TILE))) for one in lit]
 
 
 def clay(avatar: Avatar) -> Iterator[View]:
@@ -158,8 +163,8 @@ def _small(texture: UInt8, size: tuple[int, int]) -> UInt8:
     return np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _side_by_side(view: Callable[[What], View], what: Sequence[What]) -> Iterator[View]:
-    """Views in order, drawn on two threads: most of the time is spent in numpy, which releases the GIL."""
+def _side_by_side(view: Callable[[What], Made], what: Sequence[What]) -> Iterator[Made]:
+    """What each gives, in order, drawn on two threads: most of the time is spent in numpy, which releases the GIL."""
     with ThreadPoolExecutor(2) as pool:
         yield from pool.map(view, what)
 
