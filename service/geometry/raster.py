@@ -126,19 +126,21 @@ def fragments(
     limit = None if nearer is None else np.asarray(nearer, np.float32).ravel()
     for rows in _spans(planes.corners, width, height, 0):
         span, step = _expand(rows.stop - rows.start)
-        t, x, y = rows.triangle[span], rows.start[span] + step, rows.y[span]
+        pixel, far = _at(rows, planes, span, step, width, 0, True)
+        if limit is not None:
+            shown = np.flatnonzero(far < limit[pixel])
+            span, pixel, far = span[shown], pixel[shown], far[shown]
+        t, (y, x) = rows.triangle[span], np.divmod(pixel, width)
         share = _barycentric(planes, t, (x + 0.5).astype(np.float64), (y + 0.5).astype(np.float64), True)
-        far = np.asarray(np.einsum("nk,nk->n", share, z[faces[keep[t]]]), np.float32)
-        pixel = y * width + x
-        shown = slice(None) if limit is None else np.flatnonzero(far < limit[pixel])
-        pixels.append(pixel[shown])
-        owners.append(keep[t[shown]])
-        weights.append(share[shown].astype(np.float32))
-        depths.append(far[shown])
+        pixels.append(pixel)
+        owners.append(keep[t])
+        weights.append(share.astype(np.float32))
+        depths.append(far)
     pixel, triangle = (np.concatenate([np.zeros(0, np.int64), *each]) for each in (pixels, owners))
     share32 = np.concatenate([np.zeros((0, 3), np.float32), *weights])
     far32 = np.concatenate([np.zeros(0, np.float32), *depths])
-    order = np.lexsort((triangle, far32, pixel))
+    # Depths are positive, so their bits are in order; triangles are in theirs already.
+    order = np.argsort((pixel << 32) | far32.view(np.int32), kind="stable")
     return Fragments(pixel[order], triangle[order], share32[order], far32[order])
 
 
@@ -274,19 +276,26 @@ def _draw(
     buffer: npt.NDArray[np.uint64], rows: _Rows, planes: _Planes, width: int, first_row: int, perspective: bool
 ) -> None:
     """Lower ``buffer`` to the (depth, triangle) keys of the spans."""
-    corner, slope, value = planes.corners[:, 0], planes.slope, planes.value
-    t = rows.triangle
+    span, step = _expand(rows.stop - rows.start)
+    pixel, depth = _at(rows, planes, span, step, width, first_row, perspective)
+    key = (_to_sortable(depth).astype(np.uint64) << np.uint64(32)) | rows.triangle.astype(np.uint64)[span]
+    np.minimum.at(buffer, pixel, key)
+
+
+def _at(
+    rows: _Rows, planes: _Planes, span: Int64, step: Int64, width: int, first_row: int, perspective: bool
+) -> tuple[Int64, Float32]:
+    """(N,) flat index of each pixel of the spans, and (N,) its depth."""
+    corner, slope, value, t = planes.corners[:, 0], planes.slope, planes.value, rows.triangle
     at_start = value[:, 0][t] + slope[:, 0][t] * (rows.start + 0.5 - corner[:, 0][t])
     at_start += slope[:, 1][t] * (rows.y + 0.5 - corner[:, 1][t])
-    span, step = _expand(rows.stop - rows.start)
     interpolated = at_start[span] + slope[:, 0][t][span] * step
     # Slivers have huge gradients: a pixel never leaves the range of its corners.
     low = np.minimum(np.minimum(value[:, 0], value[:, 1]), value[:, 2])
     high = np.maximum(np.maximum(value[:, 0], value[:, 1]), value[:, 2])
     interpolated = np.clip(interpolated, low[t][span], high[t][span])
     depth = (1.0 / interpolated if perspective else interpolated).astype(np.float32)
-    key = (_to_sortable(depth).astype(np.uint64) << np.uint64(32)) | t.astype(np.uint64)[span]
-    np.minimum.at(buffer, ((rows.y - first_row) * width + rows.start)[span] + step, key)
+    return ((rows.y - first_row) * width + rows.start)[span] + step, depth
 
 
 def _to_sortable(depth: Float32) -> npt.NDArray[np.uint32]:

@@ -24,7 +24,7 @@ from service.arrays import AnyFloat, Bool, Float32, Int32, Int64
 from service.geometry.mesh import face_normals
 from service.hair.atlas import SAMPLES, Atlas, Cells, Strokes, cell_corners, draw_atlas
 from service.hair.groom import Groom
-from service.hair.scalp import CELL_M, LOW, Field, Scalp
+from service.hair.scalp import CELL_M, LOW, Field, Scalp, unit
 from service.hair.style import WAVES
 from service.levels import QualityName
 from service.materials.material import Material, OwnMap
@@ -155,7 +155,7 @@ class Body:
 
     def outwards(self, points: Float32) -> Float32:
         """(..., 3) float32 unit vectors from points (..., 3), metres, to where there is less hair."""
-        return _unit(-self.filled.slope(points))
+        return unit(-self.filled.slope(points))
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ class Ribbons:
         """(N, SAMPLES) sideways place of strands (N, P, 3) on their ribbons, in half widths."""
         at = np.linspace(0, self.line.shape[1] - 1, SAMPLES)
         own = _between(strands, np.linspace(0, strands.shape[1] - 1, SAMPLES))
-        line, across = _between(self.line, at), _unit(_between(self.across, at))
+        line, across = _between(self.line, at), unit(_between(self.across, at))
         half = _between(self.half[..., None], at)[..., 0]
         apart = ((own - line[self.label]) * across[self.label]).sum(2)
         return np.asarray(apart / half[self.label], np.float32)
@@ -216,7 +216,7 @@ class Ribbons:
         """(N,) where strands end along their ribbon, 1 at its end."""
         last = self.line[:, -1] - self.line[:, -2]
         run = np.linalg.norm(np.diff(self.line, axis=1), axis=2).sum(1)
-        back = ((strands[:, -1] - self.line[self.label, -1]) * _unit(last)[self.label]).sum(1) / run[self.label]
+        back = ((strands[:, -1] - self.line[self.label, -1]) * unit(last)[self.label]).sum(1) / run[self.label]
         return np.asarray(np.clip(1 + back, 0.55, 1.0), np.float32)
 
     @property
@@ -230,15 +230,15 @@ def facing(line: Float32, outwards: Float32, rng: np.random.Generator) -> Float3
 
     Where a line runs straight outwards, as on an afro, its roll alone says which way it faces.
     """
-    along = _unit(np.gradient(line, axis=1))
+    along = unit(np.gradient(line, axis=1))
     flat = np.cross(along, outwards)
     chance = rng.normal(0, 1, (len(line), 1, 3)).astype(np.float32)
-    chance = _unit(np.where((chance * outwards.mean(1, keepdims=True)).sum(2, keepdims=True) < 0, -chance, chance))
+    chance = unit(np.where((chance * outwards.mean(1, keepdims=True)).sum(2, keepdims=True) < 0, -chance, chance))
     across = flat + ROLL * np.cross(along, chance)
     for _ in range(2):  # ribbons do not turn within a quad
         across[:, 1:-1] = 0.25 * across[:, :-2] + 0.5 * across[:, 1:-1] + 0.25 * across[:, 2:]
     across -= along * (across * along).sum(2, keepdims=True)
-    return _unit(across)
+    return unit(across)
 
 
 def on_hairline(roots: Float32) -> Bool:
@@ -433,7 +433,7 @@ def _mesh(ribbons: Ribbons, cell: Int64, body: Body) -> Mesh:
     faces = (2 * rows * order.astype(np.int32)[:, None, None] + quad[None]).reshape(-1, 3)
     normals = np.repeat(_lit(ribbons, body)[:, :, None], 2, 2)
     # A little of the ribbon's own roundness, so that bundles are told apart.
-    normals = _unit(normals + np.stack([-0.16 * ribbons.across, 0.16 * ribbons.across], 2))
+    normals = unit(normals + np.stack([-0.16 * ribbons.across, 0.16 * ribbons.across], 2))
     uv = np.stack([u, v], 3).reshape(count * rows * 2, 2).astype(np.float32)
     points, normals = points.reshape(-1, 3).astype(np.float32), normals.reshape(-1, 3).astype(np.float32)
     # Path tracers turn round a normal that is on the other side of a face than its front; the face gets black.
@@ -444,11 +444,11 @@ def _mesh(ribbons: Ribbons, cell: Int64, body: Body) -> Mesh:
 
 def _lit(ribbons: Ribbons, body: Body) -> Float32:
     """(K, S + 1, 3) unit normals of the body of hair, upright on the strands."""
-    along = _unit(np.gradient(ribbons.line, axis=1))
+    along = unit(np.gradient(ribbons.line, axis=1))
     out = body.outwards(ribbons.line)
-    upright = _unit(np.cross(ribbons.across, along))
+    upright = unit(np.cross(ribbons.across, along))
     # On ribbons that stand out of the body, like those of an afro, the body's normal is along the strand.
-    return _unit(out - 0.5 * along * (out * along).sum(2, keepdims=True) + 0.15 * upright)
+    return unit(out - 0.5 * along * (out * along).sum(2, keepdims=True) + 0.15 * upright)
 
 
 def _joined(meshes: list[Mesh]) -> Mesh:
@@ -456,7 +456,3 @@ def _joined(meshes: list[Mesh]) -> Mesh:
     points, normals, uv = (np.concatenate([mesh[k] for mesh in meshes]) for k in range(3))
     faces = np.concatenate([mesh[3] + np.int32(start) for mesh, start in zip(meshes, before, strict=False)])
     return points, normals, uv, faces
-
-
-def _unit(vectors: AnyFloat) -> Float32:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)

@@ -142,22 +142,6 @@ def absorption_of(colour: AnyFloat, roughness: float = ROUGHNESS) -> Float32:
     return np.asarray(np.square(logs / _width(roughness)), np.float32)
 
 
-def melanin_of(colour: AnyFloat, roughness: float = ROUGHNESS) -> tuple[float, float, float]:
-    """Eumelanin and pheomelanin that come nearest to a linear RGB colour (3,), and what is left over.
-
-    Returns:
-        Both concentrations, at least 0, and the distance of the logarithms that no melanin explains: dyed hair.
-    """
-    from scipy.optimize import nnls
-
-    wanted = absorption_of(colour, roughness)
-    scale = 1 / np.maximum(wanted, 1e-3)
-    (eu, pheo), _ = nnls(np.stack([EUMELANIN, PHEOMELANIN], 1) * scale[:, None], wanted * scale)
-    found = reflected(eu * EUMELANIN + pheo * PHEOMELANIN, roughness)
-    left = np.abs(np.log(np.maximum(found, 1e-4)) - np.log(np.maximum(colour, 1e-4))).max()
-    return float(eu), float(pheo), float(left)
-
-
 def _width(roughness: float) -> float:
     b = roughness
     return 5.969 - 0.215 * b + 2.532 * b**2 - 10.73 * b**3 + 5.574 * b**4 + 0.245 * b**5

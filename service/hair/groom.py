@@ -17,18 +17,8 @@ from scipy.spatial import cKDTree
 
 from service.arrays import Bool, Float32, Int32, Int64
 from service.hair.colour import HairColour
-from service.hair.guides import (
-    CLEARANCE_M,
-    GUIDE_POINTS,
-    GUIDES,
-    Combing,
-    groups,
-    grow_guides,
-    grown,
-    resampled,
-    unit,
-)
-from service.hair.scalp import Roots, Scalp, mean_scalp
+from service.hair.guides import CLEARANCE_M, GUIDE_POINTS, GUIDES, Combing, groups, grow_guides, grown, resampled
+from service.hair.scalp import Roots, Scalp, mean_scalp, unit
 from service.hair.style import WAVES, Style
 
 NEAR_GUIDES = 3

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from service.arrays import AnyFloat, Bool, Float32, Int64
-from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp
+from service.arrays import Bool, Float32, Int64
+from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp, unit
 from service.hair.style import Style
 
 GUIDES, GUIDE_POINTS = 600, 32
@@ -107,21 +107,25 @@ def combed(style: Style, points: Float32, outwards: Float32, side: Float32, frin
     """
     from_crown = points - CROWN
     ahead, up = np.array([0, 0, 1], np.float32), np.array([0, 1, 0], np.float32)
-    swirl = np.cross(outwards, from_crown)
-    natural = from_crown + 0.5 * swirl
+    natural = from_crown + 0.5 * np.cross(outwards, from_crown)
     # On the whorl itself all directions meet; there hair lies backwards, as it does on most heads.
     natural = natural - 0.03 * np.exp(-np.square(np.linalg.norm(from_crown, axis=1, keepdims=True) / 0.03)) * ahead
-    natural /= np.maximum(np.linalg.norm(natural, axis=1, keepdims=True), 1e-6)
+    natural = unit(natural)
     sideways = side[:, None] * np.array([1, 0, 0], np.float32)
     front = _step(-0.09, -0.02, points[:, 2])[:, None]
-    wish = {
-        "natural": natural + 0.3 * DOWN,
-        "down": front * (1.3 * sideways - 0.25 * ahead + 0.4 * DOWN) + (1 - front) * (natural + DOWN),
-        "back": -ahead + 0.25 * up * front + 0.35 * DOWN * (1 - front),
-        "forward": natural + 0.9 * ahead,
-        "side": front * (sideways * 1.2 + 0.35 * ahead) + (1 - front) * (natural + 0.5 * DOWN),
-        "up": 0.6 * outwards + natural * 0.3 + 0.2 * ahead * front,
-    }[style.combing]
+    match style.combing:
+        case "natural":
+            wish = natural + 0.3 * DOWN
+        case "down":
+            wish = front * (1.3 * sideways - 0.25 * ahead + 0.4 * DOWN) + (1 - front) * (natural + DOWN)
+        case "back":
+            wish = -ahead + 0.25 * up * front + 0.35 * DOWN * (1 - front)
+        case "forward":
+            wish = natural + 0.9 * ahead
+        case "side":
+            wish = front * (sideways * 1.2 + 0.35 * ahead) + (1 - front) * (natural + 0.5 * DOWN)
+        case "up":
+            wish = 0.6 * outwards + natural * 0.3 + 0.2 * ahead * front
     if style.parting != "none" and style.combing in ("natural", "forward"):
         wish = wish + 0.8 * front * sideways
     if style.tucked > 0:
@@ -401,8 +405,3 @@ def _step(low: float, high: float, value: Float32) -> Float32:
     """0 up to ``low``, 1 from ``high`` on, smooth between; ``low`` may be the larger."""
     share = np.clip((value - low) / (high - low), 0, 1)
     return np.asarray(share * share * (3 - 2 * share), np.float32)
-
-
-def unit(vectors: AnyFloat) -> Float32:
-    """Vectors (..., 3) of length 1; those of length 0 stay."""
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)

@@ -186,7 +186,7 @@ class Scalp:
         position, normal = ((values[own] * weight).sum(1) for values in (self.corners, self.normals))
         edge = np.clip((grows[kept] - least) / max(1.0 - least, 1e-3), 0, 1)
         uv = (self.uv[own] * weight).sum(1)
-        return Roots(position, _unit(normal), edge.astype(np.float32), uv.astype(np.float32))
+        return Roots(position, unit(normal), edge.astype(np.float32), uv.astype(np.float32))
 
     @cached_property
     def even(self) -> Roots:
@@ -228,7 +228,7 @@ class Scalp:
         found[..., 1] = np.where(low, 0.0, found[..., 1])
         ahead = np.where(points[..., 2] < SHOULDERS[0][2] + 0.02, -1.0, 1.0)
         found[..., 2] = np.where(low, found[..., 2] + 0.5 * CELL_M * ahead, found[..., 2])
-        return _unit(found)
+        return unit(found)
 
 
 @lru_cache(maxsize=1)
@@ -239,8 +239,10 @@ def mean_scalp() -> Scalp:
     return Scalp.of(load_head())
 
 
-def _unit(vectors: Float32) -> Float32:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)
+def unit(vectors: AnyFloat) -> Float32:
+    """Vectors (..., 3) of length 1; those of length 0 stay."""
+    length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    return np.asarray(vectors / np.maximum(length, 1e-9)[..., None], np.float32)
 
 
 def _distances(triangles: Float32) -> Float32:
@@ -287,7 +289,7 @@ def _dense(triangles: Float32) -> tuple[Float32, Float32]:
     order = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
     weight = _folded(order)
     points = (triangles[index] * weight[..., None]).sum(1)
-    return points.astype(np.float32), _unit(across[index] / area[index, None])
+    return points.astype(np.float32), unit(across[index] / area[index, None])
 
 
 def _folded(order: Int64) -> Float32:

@@ -14,17 +14,15 @@ from scipy.spatial import cKDTree
 
 from service.arrays import Bool, Float32, Float64
 from service.hair.groom import Groom, make_groom
-from service.hair.guides import Combing, resampled, unit
+from service.hair.guides import Combing, resampled
 from service.hair.reading import CELLS
-from service.hair.scalp import CENTRE, Scalp
+from service.hair.scalp import CENTRE, Scalp, unit
 from service.hair.sight import Sight
 from service.hair.style import Style
 from service.image_filters import blurred
 
 FOLLOWS = 0.85
 """How far strands follow a direction that the photo shows for sure."""
-REACHES_M = 0.02
-"""Distance from the visible skin or hair up to which the photo's directions hold."""
 
 
 def photo_combing(sight: Sight) -> Combing:
