@@ -155,8 +155,9 @@ def make_avatar(
             texture = kept("texture", lambda: make_texture(photo, head, fit, chart, reading, hair, gathered.others))
             if options.eye_colour != "auto":
                 texture = replace(texture, iris=NAMED_IRISES[options.eye_colour])
-        mouth = pool.submit(mouth_parts, head, fit, texture.tooth)  # made while the networks run
-        eyes = pool.submit(eye_parts, head, fit, texture.iris)
+        step = options.level.part_texture_step
+        mouth = pool.submit(mouth_parts, head, fit, texture.tooth, step)  # made while the networks run
+        eyes = pool.submit(eye_parts, head, fit, texture.iris, step)
         parts = (*cards.result(), *worn(head, fit, texture.texture, brows))
         with stage("compare"):
             shown = [part for part in parts if part.name != BROWS]  # the texture has the photo's own
@@ -195,7 +196,6 @@ def make_avatar(
         albedo = small_albedo(reflectance.diffuse_albedo, texture.texture.shape[1::-1])
         light = to_albedo(texture.texture, albedo, texture.lit_skin)
         hair, parts = hair_in_albedo(hair, in_albedo(parts, brows, head, albedo, light), light)
-    parts += (*mouth.result(), *eyes.result())
     return Avatar(
         photo=photo,
         face=face,
@@ -207,7 +207,7 @@ def make_avatar(
         options=options.to_json(),
         seed=options.seed,
         models=model_cards(head, head_file, plan.networks),
-        parts=coarser(parts, options.level.part_texture_step),
+        parts=(*coarser(parts, step), *mouth.result(), *eyes.result()),
         hair=hair,
         similarity=similarity,
         reflectance=reflectance,

@@ -58,20 +58,21 @@ CARUNCLE_BACK_M, CARUNCLE_AT = 0.0013, 6
 CARUNCLE, LID_MARGIN = (0.43, 0.20, 0.17), (0.48, 0.28, 0.24)
 """Diffuse albedo, linear RGB, of the caruncle, and of the wet margin of the lid that is seen through the tears."""
 
-def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None) -> tuple[MeshPart, ...]:
+def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None, step: int = 1) -> tuple[MeshPart, ...]:
     """Both eyes; nothing for a head without two eyeballs.
 
     Args:
         head: topology, chart and units.
         fit: vertices of the head.
         iris: (3,) linear albedo of the irises; None: the most frequent.
+        step: by which the sides of the pictures are divided.
     """
     if not all(len(part_vertices(head, f"eye_{side}")) for side in SIDES):
         return ()
     colour = IRIS if iris is None else np.asarray(iris, np.float32)
     pupil_m = None if fit.gaze is None else fit.gaze.pupil_m
-    picture = OwnMap("eyes", eye_picture(head, colour, pupil_m))
-    relief = OwnMap("eyes_normal", surface_picture(head, pupil_m))
+    picture = OwnMap("eyes", eye_picture(head, colour, pupil_m, SIZE // step))
+    relief = OwnMap("eyes_normal", surface_picture(head, pupil_m, RELIEF_SIZE // step))
     glassy = Material("eye", colour_map=picture, roughness=FILM_ROUGHNESS, ior=FILM_INDEX, normal_map=relief)
     wet = Material("eye_tears", LID_MARGIN, roughness=0.05, ior=1.336, double_sided=True)
     flesh = Material("eye_caruncle", CARUNCLE, roughness=0.35, ior=1.4)
@@ -109,18 +110,19 @@ def globe(ball: Eyeball, pupil_m: float | None = None) -> tuple[Float64, Int32, 
     return points + ball.centre, faces, uv.astype(np.float32)
 
 
-def eye_picture(head: HeadModel, iris: Float32, pupil_m: float | None = None) -> UInt8:
-    """(SIZE, SIZE, 3) uint8 sRGB of an eye seen along its line of sight, opened out to the back.
+def eye_picture(head: HeadModel, iris: Float32, pupil_m: float | None = None, size: int = SIZE) -> UInt8:
+    """(size, size, 3) uint8 sRGB of an eye seen along its line of sight, opened out to the back.
 
     Args:
         head: of whose left eye the angles of iris and pupil are.
         iris: (3,) linear albedo.
         pupil_m: radius of the pupil, metres; None: that of a lit room.
+        size: of a side, texels.
     """
     ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
     limbus = np.radians(ball.limbus_deg)
-    centre = np.arange(SIZE) + 0.5
-    x, y = np.meshgrid(2 * centre / SIZE - 1, 1 - 2 * centre / SIZE)
+    centre = np.arange(size) + 0.5
+    x, y = np.meshgrid(2 * centre / size - 1, 1 - 2 * centre / size)
     r = np.hypot(x, y).ravel()
     flat = np.arcsin(np.clip(r / IRIS_SHARE, 0, 1) * np.sin(limbus))
     beyond = np.clip((r - IRIS_SHARE) / (RIM_SHARE - IRIS_SHARE), 0, 1) ** (1 / SPREAD)
@@ -129,19 +131,20 @@ def eye_picture(head: HeadModel, iris: Float32, pupil_m: float | None = None) ->
     direction = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)], 1)
     eye = DrawnEye(
         None, (angle / limbus).astype(np.float32), azimuth.astype(np.float32), direction.astype(np.float32),
-        ball.limbus_deg, ball.pupil_deg(pupil_m), 2 / (SIZE * IRIS_SHARE),
+        ball.limbus_deg, ball.pupil_deg(pupil_m), 2 / (size * IRIS_SHARE),
     )  # fmt: skip
-    canvas = Canvas(SIZE)
-    canvas.put(np.arange(SIZE * SIZE), eye_albedo(eye, iris))
+    canvas = Canvas(size)
+    canvas.put(np.arange(size * size), eye_albedo(eye, iris))
     return canvas.picture()
 
 
-def surface_picture(head: HeadModel, pupil_m: float | None = None) -> UInt8:
-    """(RELIEF_SIZE, RELIEF_SIZE, 3) uint8 normals of cornea and tear film about those of the ball's mesh, 128 + 127 n.
+def surface_picture(head: HeadModel, pupil_m: float | None = None, size: int = RELIEF_SIZE) -> UInt8:
+    """(size, size, 3) uint8 normals of cornea and tear film about those of the ball's mesh, 128 + 127 n.
 
     Args:
         head: of whose left eye the cornea is.
         pupil_m: radius of the pupil, metres; None: that of a lit room.
+        size: of a side, texels.
     """
     ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
     points, faces, uv = globe(ball, pupil_m)
@@ -149,8 +152,8 @@ def surface_picture(head: HeadModel, pupil_m: float | None = None) -> UInt8:
     # One meridian of the mesh: place on the picture, and its normal, which renderers interpolate along the meridian.
     row = np.r_[0, np.arange(1, len(points), SEGMENTS)]
     at = 2 * uv[row, 0].astype(np.float64) - 1
-    centre = np.arange(RELIEF_SIZE) + 0.5
-    x, y = np.meshgrid(2 * centre / RELIEF_SIZE - 1, 1 - 2 * centre / RELIEF_SIZE)
+    centre = np.arange(size) + 0.5
+    x, y = np.meshgrid(2 * centre / size - 1, 1 - 2 * centre / size)
     r = np.hypot(x, y)
     mesh = np.arctan2(np.interp(r, at, normals[row, 0]), np.interp(r, at, normals[row, 2]))
     iris = np.clip(r / IRIS_SHARE, 0, SULCUS[1]) * ball.radius * np.sin(np.radians(ball.limbus_deg))

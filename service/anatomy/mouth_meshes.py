@@ -36,24 +36,24 @@ ROOT = 0.35
 """Share of the tongue's light that is lost at its root, which is coated and lies in the throat."""
 
 
-def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None) -> tuple[MeshPart, ...]:
+def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None, step: int = 1) -> tuple[MeshPart, ...]:
     """Teeth, gums and tongue; nothing for a head that they were not made for.
 
     Args:
         head: topology, chart and units.
         fit: vertices of the head.
         tooth: (3,) linear albedo of the teeth; None: the usual one.
+        step: by which the sides of the pictures are divided.
     """
     insets = read_insets()
     if not fits(insets, head):
         return ()
     rows = [mesh for mesh in insets.meshes if mesh.name.startswith("teeth")]
     tongue = next(mesh for mesh in insets.meshes if mesh.name.startswith("tongue"))
-    crowns = teeth_picture(rows, TOOTH if tooth is None else tooth)
+    crowns = teeth_picture(rows, TOOTH if tooth is None else tooth, SIZE // step)
+    mucosa = OwnMap("tongue", tongue_picture(tongue, TONGUE_SIZE // step))
     enamel = Material("teeth", colour_map=OwnMap("teeth", crowns), roughness=0.18, ior=1.6, subsurface_mm=ENAMEL_MM)
-    flesh = Material(
-        "tongue", colour_map=OwnMap("tongue", tongue_picture(tongue)), roughness=0.35, ior=1.4, subsurface_mm=MUCOSA_MM
-    )
+    flesh = Material("tongue", colour_map=mucosa, roughness=0.35, ior=1.4, subsurface_mm=MUCOSA_MM)
     return tuple(
         following(
             mesh.name, head, fit, insets.fitted_head, mesh.rest, mesh.moved, mesh.faces, mesh.uv,
@@ -64,14 +64,15 @@ def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None) -> tuple[MeshP
     )  # fmt: skip
 
 
-def teeth_picture(rows: list[Inset], tooth: Float32) -> UInt8:
-    """(SIZE, SIZE, 3) uint8 sRGB of both rows on their common picture.
+def teeth_picture(rows: list[Inset], tooth: Float32, size: int = SIZE) -> UInt8:
+    """(size, size, 3) uint8 sRGB of both rows on their common picture.
 
     Args:
         rows: upper and lower row.
         tooth: (3,) linear albedo.
+        size: of a side, texels.
     """
-    canvas = Canvas(SIZE)
+    canvas = Canvas(size)
     for row in rows:
         at, values = canvas.texels(row.uv, row.uv_faces, row.faces, np.c_[row.along, row.shade, row.rest * 1e3])
         along, shade, place = values[:, 0], values[:, 1], values[:, 2:]
@@ -86,12 +87,12 @@ def teeth_picture(rows: list[Inset], tooth: Float32) -> UInt8:
     return canvas.picture()
 
 
-def tongue_picture(tongue: Inset) -> UInt8:
-    """(TONGUE_SIZE, TONGUE_SIZE, 3) uint8 sRGB of the tongue."""
-    canvas = Canvas(TONGUE_SIZE)
+def tongue_picture(tongue: Inset, size: int = TONGUE_SIZE) -> UInt8:
+    """(size, size, 3) uint8 sRGB of the tongue."""
+    canvas = Canvas(size)
     at, values = canvas.texels(tongue.uv, tongue.uv_faces, tongue.faces, np.c_[tongue.along, tongue.rest * 1e3])
     along, place = values[:, 0], values[:, 1:]
-    below = (at % TONGUE_SIZE) >= TONGUE_SIZE // 2
+    below = (at % size) >= size // 2
     groove = GROOVE * np.exp(-((place[:, 0] / 1.2) ** 2)) * np.clip(along * 4, 0, 1)
     papillae = PAPILLAE * smooth_noise(place, (4.5, 7.0, 11.0), seed=2)
     light = (1 - groove) * (1 + papillae) * (1 - ROOT * along**2)
