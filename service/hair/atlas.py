@@ -190,41 +190,40 @@ def draw_atlas(strokes: Strokes, cells: Cells, side: int, roots: Float32, rng: n
     fine = which.reshape(side, side, SUBTEXELS)
     alpha = (fine >= 0).mean(2, dtype=np.float32)
     top = fine.max(2)
-    shown = top >= 0
-    rows, columns = np.nonzero(shown)
+    rows, columns = np.nonzero(top >= 0)
     stroke, t = top[rows, columns], along[rows]
     samples = strokes.colour.shape[1]
     place = np.clip(t * (samples - 1), 0, samples - 1.001)
     low = place.astype(int)
     part = (place - low)[:, None]
-    colour = np.zeros((side, side, 3), np.float32)
     coded = linear_to_srgb(strokes.colour)
-    colour[rows, columns] = coded[stroke, low] * (1 - part) + coded[stroke, low + 1] * part
+    colour = (coded[stroke, low] * (1 - part) + coded[stroke, low + 1] * part).astype(np.float32)
+    steps = (COLOUR_STEP * np.rint((255 // COLOUR_STEP) * np.clip(colour, 0, 1))).astype(np.uint8)
+    told = np.stack([t, (stroke * 97 % 251) / 255.0, (stroke % 64) / 63.0], 1).astype(np.float32)
+    told = np.rint(255 * np.clip(told, 0, 1)).astype(np.uint8)
+    nearest = _nearest(top >= 0)
+    pixels = np.dstack([steps[nearest], np.rint(255 * alpha).astype(np.uint8)])
+    strands = told[nearest[::2, ::2]]
     turned = np.clip(rng.normal(0, TILT, len(strokes.cell)), -0.7, 0.7).astype(np.float32)
     lean = np.clip(rng.normal(0, 0.10, len(strokes.cell)), -0.25, 0.25).astype(np.float32)
     places = strokes.way.shape[1] - 1
     bent = np.minimum((t * places).astype(int).clip(0), places - 1)
     run = (strokes.way[stroke, bent + 1] - strokes.way[stroke, bent]) * places * strokes.slope[stroke]
     size = np.sqrt(1 + run * run)
-    data = np.zeros((side, side, 8), np.float32)
-    data[rows, columns] = np.stack(
-        [turned[stroke], lean[stroke], np.ones_like(run), 1 / size, -run / size, t,
-         (stroke * 97 % 251) / 255.0, (stroke % 64) / 63.0], 1,
-    )  # fmt: skip
-    colour, data[..., 5:] = _filled(colour, shown), _filled(data[..., 5:], shown)
-    steps = COLOUR_STEP * np.rint((255 // COLOUR_STEP) * np.clip(colour, 0, 1))
-    pixels = np.dstack([steps, np.rint(255 * alpha)]).astype(np.uint8)
     _paint_cap(pixels, cells, linear_to_srgb(roots), rng)
-    half = (side // 2, side // 2)
-    weight = np.where(shown, 1.0, 1e-3).astype(np.float32)[..., None]
-    normal = _averaged(data[..., :3] * weight, half) + np.array([0, 0, 2e-3], np.float32)
-    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    quarter = (side // 4, side // 4)
-    across = _averaged(data[..., 3:5] * weight, quarter) + np.array([2e-3, 0], np.float32)
-    across /= np.linalg.norm(across, axis=2, keepdims=True)
-    direction = np.dstack([np.rint(127.5 * (1 + across)), np.full(quarter, 255)]).astype(np.uint8)
-    strands = np.rint(255 * np.clip(cv2.resize(data[..., 5:], half, interpolation=cv2.INTER_NEAREST), 0, 1))
-    return Atlas(pixels, np.rint(128 + 127 * normal).astype(np.uint8), direction, strands.astype(np.uint8))
+
+    def averaged(values: Float32, step: int, usual: Float32) -> Float32:
+        """Unit vectors of what is shown, as means over ``step`` texels of a side; ``usual`` where nothing is."""
+        image = np.zeros((side, side, values.shape[1]), np.float32)
+        image[rows, columns] = values
+        small = cv2.resize(image, (side // step, side // step), interpolation=cv2.INTER_AREA) + usual
+        return np.asarray(small / np.linalg.norm(small, axis=2, keepdims=True), np.float32)
+
+    upright = np.array([0, 0, 2e-3], np.float32)
+    normal = averaged(np.stack([turned[stroke], lean[stroke], np.ones_like(run)], 1), 2, upright)
+    across = averaged(np.stack([1 / size, -run / size], 1), 4, upright[[2, 0]])
+    direction = np.dstack([np.rint(127.5 * (1 + across)), np.full(across.shape[:2], 255)]).astype(np.uint8)
+    return Atlas(pixels, np.rint(128 + 127 * normal).astype(np.uint8), direction, strands)
 
 
 def _painted(strokes: Strokes, side: int) -> tuple[Int32, Float32]:
@@ -274,20 +273,15 @@ def _cubic(t: Float32, samples: int) -> Float32:
     return made
 
 
-def _filled(image: Float32, shown: np.ndarray) -> Float32:
-    """An image (h, w, C) whose texels that are not shown have the value of the nearest one that is."""
+def _nearest(shown: np.ndarray) -> Int64:
+    """(n, n) for each texel the number, row by row, of the nearest one that is shown."""
     _, label = cv2.distanceTransformWithLabels(
         (~shown).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
     )
     known = np.flatnonzero(shown)
-    source = np.zeros(int(label.max()) + 1, np.int64)
-    source[label.ravel()[known]] = known
-    return np.asarray(image.reshape(-1, image.shape[2])[source[label]], np.float32)
-
-
-def _averaged(image: Float32, size: tuple[int, int]) -> Float32:
-    made = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
-    return made
+    number = np.zeros(int(label.max()) + 1, np.int64)
+    number[label.ravel()[known]] = np.arange(len(known))
+    return np.asarray(number[label])
 
 
 def _paint_cap(pixels: UInt8, cells: Cells, colour: Float32, rng: np.random.Generator) -> None:
