@@ -200,10 +200,9 @@ def draw_atlas(strokes: Strokes, cells: Cells, side: int, roots: Float32, rng: n
     colour = (coded[stroke, low] * (1 - part) + coded[stroke, low + 1] * part).astype(np.float32)
     steps = (COLOUR_STEP * np.rint((255 // COLOUR_STEP) * np.clip(colour, 0, 1))).astype(np.uint8)
     told = np.stack([t, (stroke * 97 % 251) / 255.0, (stroke % 64) / 63.0], 1).astype(np.float32)
-    told = np.rint(255 * np.clip(told, 0, 1)).astype(np.uint8)
     nearest = _nearest(top >= 0)
     pixels = np.dstack([steps[nearest], np.rint(255 * alpha).astype(np.uint8)])
-    strands = told[nearest[::2, ::2]]
+    strands = np.rint(255 * np.clip(told, 0, 1)).astype(np.uint8)[nearest[::2, ::2]]
     turned = np.clip(rng.normal(0, TILT, len(strokes.cell)), -0.7, 0.7).astype(np.float32)
     lean = np.clip(rng.normal(0, 0.10, len(strokes.cell)), -0.25, 0.25).astype(np.float32)
     places = strokes.way.shape[1] - 1
