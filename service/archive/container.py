@@ -71,10 +71,6 @@ def in_order(names: Iterable[str]) -> list[str]:
 
 
 _DATE = (1980, 1, 1, 0, 0, 0)
-_UNIX = 3
-"""Code of the system that the file modes are for (zip specification, 4.4.2)."""
-_IN_MEMORY = 64 << 20
-"""Bytes of an archive assembled in memory; larger ones go to a temporary file."""
 
 
 def write_zip(stream: IO[bytes], members: Mapping[str, bytes]) -> None:
@@ -151,7 +147,7 @@ def write_stream(stream: BinaryIO, members: Mapping[str, bytes]) -> None:
         OutputFault: the reader closed the stream, or it failed.
     """
     try:
-        with tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY) as assembled:
+        with tempfile.SpooledTemporaryFile(max_size=64 << 20) as assembled:
             write_zip(assembled, members)
             assembled.seek(0)
             shutil.copyfileobj(assembled, stream, 1 << 20)
@@ -165,7 +161,7 @@ def write_stream(stream: BinaryIO, members: Mapping[str, bytes]) -> None:
 def _entry(name: str) -> zipfile.ZipInfo:
     entry = zipfile.ZipInfo(name, _DATE)
     entry.compress_type = zipfile.ZIP_STORED
-    entry.create_system = _UNIX
+    entry.create_system = 3  # Unix, whose file modes follow (zip specification, 4.4.2)
     entry.external_attr = (stat.S_IFREG | 0o644) << 16
     return entry
 
@@ -195,7 +191,6 @@ def _reason(error: OSError) -> str:
     return (error.strerror or str(error) or type(error).__name__).lower()
 
 
-MAX_MANIFEST = 16 << 20
 MAX_MEMBER = 512 << 20
 """Bytes of one file of an archive; a noisy 16-bit map of 6144 x 4096 has 150 MB."""
 
@@ -234,7 +229,7 @@ class ArchiveFile:
             for name in ("manifest.json", "mesh/head.obj"):
                 if name not in names:
                     raise BadArchive(f"the archive has no {name}; it was not made by avatarme, or is incomplete")
-            return cls(source, tuple(names), _manifest(_bounded(archive, "manifest.json", MAX_MANIFEST)))
+            return cls(source, tuple(names), _manifest(_bounded(archive, "manifest.json", 16 << 20)))
 
     def read(self, name: str, limit: int = MAX_MEMBER) -> bytes:
         """Content of one file; at most ``limit`` + 1 bytes are unpacked, whatever its header claims.

@@ -29,11 +29,8 @@ STRIP_ROWS = 64
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOUR_TYPES = {1: 0, 3: 2, 4: 6}
-_SUB = 1
 SRGB_PERCEPTUAL = 0
 """Rendering intent of the sRGB chunk."""
-_ZLIB_MEMORY = 9
-"""zlib's memory level, the highest."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,7 @@ def _chunks(rows: Rows, *, srgb: bool) -> Iterator[bytes]:
     yield png_chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, rows.bits, _COLOUR_TYPES[channels], 0, 0, 0))
     if srgb:
         yield png_chunk(b"sRGB", bytes([SRGB_PERCEPTUAL]))
-    packer = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, _ZLIB_MEMORY, zlib.Z_RLE)
+    packer = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, 9, zlib.Z_RLE)
     for first in range(0, height, STRIP_ROWS):
         packed = packer.compress(_filtered(rows.read(first, min(first + STRIP_ROWS, height)), channels).data)
         if packed:
@@ -88,7 +85,7 @@ def _filtered(strip: Codes, channels: int) -> UInt8:
     samples = np.ascontiguousarray(plain).reshape(len(strip), -1).view(np.uint8)
     pixel = channels * strip.dtype.itemsize
     result = np.zeros((len(strip), samples.shape[1] + 1), np.uint8)
-    result[:, 0] = _SUB
+    result[:, 0] = 1  # "Sub"
     result[:, 1 : 1 + pixel] = samples[:, :pixel]
     np.subtract(samples[:, pixel:], samples[:, :-pixel], out=result[:, 1 + pixel :])
     return result

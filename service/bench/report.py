@@ -15,10 +15,6 @@ HEAD = (
     "run", "networks on", "s", "networks s", "writing s", "peak MiB", "MB",
     *(name.replace("_", " ") for name in COMPARED), "front",
 )  # fmt: skip
-DRAWN = "specular_normal"
-"""Map whose loss is drawn."""
-LEAST_DEGREES = 1e-4
-"""Loss at which an identical map is drawn."""
 
 
 def as_markdown(bench: Bench) -> str:
@@ -87,7 +83,8 @@ def draw(bench: Bench, path: Path) -> None:
 
     figure = Figure(figsize=(8, 5), layout="constrained")
     axis = figure.subplots()
-    rows = [(row.seconds, max(row.losses[DRAWN], LEAST_DEGREES), row) for row in bench.rows if row.losses]
+    # An identical map has a place on the logarithmic axis.
+    rows = [(row.seconds, max(row.losses["specular_normal"], 1e-4), row) for row in bench.rows if row.losses]
     points = sorted(rows, key=lambda one: one[:2])
     front = [(seconds, loss) for seconds, loss, row in points if row.front]
     axis.plot([seconds for seconds, _ in front], [loss for _, loss in front], "-", color="tab:red", linewidth=1)

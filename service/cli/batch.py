@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 KEY = "AVATARME_API_KEY"
 """Variable with the API key: what stands on a command line can be read by every user of the machine."""
 
-SERVER_JOBS = 4
-"""Photos at the same time at a server, which takes its time anyway."""
-
 
 @with_flags(AVATAR)
 def batch(
@@ -107,7 +104,7 @@ def grouped_source(folder: str, by: str | None) -> str:
 def default_jobs(server: str | None) -> int:
     """Photos at the same time: here the stages use about two processors each."""
     if server is not None:
-        return SERVER_JOBS
+        return 4  # a server takes its time anyway
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(1, usable // 2)
 

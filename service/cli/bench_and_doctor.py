@@ -54,10 +54,6 @@ def bench(
         typer.echo(as_markdown(found) if target is None else f"{path}\n", nl=False)
 
 
-TRIAL_SIZE = (384, 256)
-"""Size of the maps of the self-test: all networks of draft quality run in a second."""
-
-
 def doctor(as_json: Json = False) -> None:
     """Check this installation, and try it out.
 
@@ -117,7 +113,7 @@ def self_test() -> tuple[dict[str, Any], list[str]]:
         from service.pipeline import make_avatar
 
         stream = io.BytesIO()
-        avatar = make_avatar(diagnosis.SAMPLE.read_bytes(), Options(quality="draft", size=TRIAL_SIZE))
+        avatar = make_avatar(diagnosis.SAMPLE.read_bytes(), Options(quality="draft", size=(384, 256)))
         write_archive(avatar, stream)
     except Exception as error:  # the doctor reports every fault, bugs included
         return {}, [f"self-test failed: {type(error).__name__}: {error}"]

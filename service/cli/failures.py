@@ -15,15 +15,12 @@ from service.errors import AvatarError
 INTERRUPTED = 130
 """128 + SIGINT: the exit status that shells expect after Ctrl-C."""
 
-UNEXPECTED = 1
-"""Exit status of a bug."""
-
 
 def exit_status(error: BaseException) -> int:
     """Exit status of an error: that of its class in ``service.errors``, 130 for Ctrl-C, 1 for anything else."""
     if isinstance(error, AvatarError):
         return error.exit_status
-    return INTERRUPTED if isinstance(error, KeyboardInterrupt) else UNEXPECTED
+    return INTERRUPTED if isinstance(error, KeyboardInterrupt) else 1
 
 
 def describe(error: BaseException) -> dict[str, Any]:

@@ -20,9 +20,6 @@ from service.photo.limits import PIPE, read_file
 if TYPE_CHECKING:
     from service.render.request import RenderRequest
 
-MAX_ARCHIVE = 2 << 30
-"""Bytes of the largest archive from standard input."""
-
 
 def render(
     archive: Annotated[str, typer.Argument(metavar="AVATAR.zip", help="Archive of 'make', or - for a pipe.")],
@@ -73,7 +70,7 @@ def render(
     if turntable is not None:
         _film(archive, output, request, turntable, begin, as_json=as_json)
         return
-    source: Path | IO[bytes] = io.BytesIO(read_file(PIPE, "archive", MAX_ARCHIVE)) if archive == PIPE else Path(archive)
+    source: Path | IO[bytes] = io.BytesIO(read_file(PIPE, "archive", 2 << 30)) if archive == PIPE else Path(archive)
     picture = render_archive(source, request)
     png = encode_png(picture.pixels, srgb=True)
     write_bytes(output, png)

@@ -41,7 +41,6 @@ _RANGES = {
     "polygons": "V", "polygon_uv": "U", "mirror": "V", "triangles": "V", "triangle_uv": "U", "landmark_triangle": "T",
     "contour_landmarks": "L", "contour_triangle": "T",
 }  # fmt: skip
-_PADDED = ("polygons", "polygon_uv")
 
 
 def split_polygons(polygons: AnyInt) -> Int32:
@@ -153,7 +152,7 @@ def _check(model: HeadModel, where: str) -> None:
             raise fault(f"{field.name} holds values that are not finite")
     for key, axis in _RANGES.items():
         value = getattr(model, key)
-        lowest = -1 if key in _PADDED else 0
+        lowest = -1 if key.startswith("polygon") else 0
         if value.size and (value.min() < lowest or value.max() >= sizes[axis]):
             raise fault(f"{key} points to {value.min()}..{value.max()}, allowed {lowest}..{sizes[axis] - 1}")
     if (model.polygons[:, :3] < 0).any() or ((model.polygons < 0) != (model.polygon_uv < 0)).any():

@@ -23,8 +23,6 @@ SCRIPT = Path(__file__).resolve().parent.parent / "data" / "kits" / "blender_sce
 VARIABLE = "AVATARME_BLENDER"
 """Environment variable with the path of Blender, or of a Python that has the module bpy."""
 
-BUILD_SECONDS = 600
-
 
 def write_blender_kit(source: ArchiveFile, folder: Path) -> list[Path]:
     """Everything that the script needs, and the script."""
@@ -65,7 +63,7 @@ def build_scene(folder: Path) -> Path | None:
     background = [] if command[1:] else ["--background"]
     try:
         done = subprocess.run(  # noqa: S603 - the user's own Blender
-            [*command, str(script), *background], capture_output=True, text=True, timeout=BUILD_SECONDS, check=False
+            [*command, str(script), *background], capture_output=True, text=True, timeout=600, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise OutputFault(f"Blender ({command[0]}) could not build {target}: {error}", path=str(target)) from error

@@ -23,8 +23,6 @@ from service.materials.part import MeshPart, part_triangles
 LEVELS = (24_000, 12_000, 6_000, 2_000)
 """Triangles of the head at LOD 0 to 3, without hair, lashes and other cards, which get fewer in proportion."""
 
-LEAST_TRIANGLES = 4
-"""Of a part; none vanishes."""
 WIDEST = 2.0
 """Most by which ribbons of hair get wider."""
 
@@ -80,7 +78,7 @@ def reduced(part: MeshPart, shares: Sequence[float]) -> list[MeshPart]:
     if part.normals is not None and part.uv_faces is None:
         return [_fewer_ribbons(part, share) for share in shares]
     piece = Piece.of(part)
-    wanted = [max(round(len(piece.triangles) * share), LEAST_TRIANGLES) for share in shares]
+    wanted = [max(round(len(piece.triangles) * share), 4) for share in shares]
     return [_with(part, piece, kept) for kept in collapsed(_poses(part), piece.triangles, piece.vertex, wanted)]
 
 

@@ -82,14 +82,14 @@ class DrawnPart:
         """(F, 3) unit direction of the strands that the texture shows at places (F, 2); None where it is no hair."""
         if self.along is None:
             return None
-        along = _unit(interpolate(self.along, corners, weights))
+        along = unit(interpolate(self.along, corners, weights))
         picture = self.part.material.anisotropy_map
         if not isinstance(picture, OwnMap):
             return along
-        normal = _unit(interpolate(self.normals, corners, weights))
+        normal = unit(interpolate(self.normals, corners, weights))
         code = sample_chart(picture.pixels, uv)[:, :2] / np.float32(127.5) - 1
         across = code[:, :1] * np.cross(along, normal) + code[:, 1:] * along
-        return _unit(np.cross(normal, across).astype(np.float32))
+        return unit(np.cross(normal, across).astype(np.float32))
 
 
 def _along_v(part: MeshPart, triangles: Int32, places: Int32) -> Float32 | None:
@@ -106,7 +106,8 @@ def _along_v(part: MeshPart, triangles: Int32, places: Int32) -> Float32 | None:
     return np.asarray(normalise(whole.astype(np.float64), (0.0, -1.0, 0.0)), np.float32)
 
 
-def _unit(vectors: Float32) -> Float32:
+def unit(vectors: Float32) -> Float32:
+    """Vectors (..., C) at a length of 1."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)
 
 

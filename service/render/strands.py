@@ -20,7 +20,7 @@ from service.light.environment import Illumination, flux_by_direction, spread_di
 from service.light.formulas import Graphs, lamp_numbers
 from service.light.scene import PointLight
 from service.materials.part import MeshPart
-from service.render.draw import DrawnPart, SeenPart, painted
+from service.render.draw import DrawnPart, SeenPart, painted, unit
 
 TILT = np.radians(3.0)
 """Of a cuticle's scales (Marschner 2003, table 1)."""
@@ -207,9 +207,9 @@ class StrandLight:
             corners, weights = one.corners[some], one.weights[some][..., None]
             share = (shares[corners] * weights).sum(1)
             point = (one.part.vertices[corners] * weights).sum(1)
-            normal = _unit((one.drawn.normals[corners] * weights).sum(1))
+            normal = unit((one.drawn.normals[corners] * weights).sum(1))
             colour, along = one.colour[some], strands[some]
-            view = _unit(np.asarray(self.viewpoint, np.float32) - point)
+            view = unit(np.asarray(self.viewpoint, np.float32) - point)
             facing = share[:, :DIRECTIONS] * np.maximum(normal @ ways.T, 0)
             total = colour * (facing @ flux) / np.float32(np.pi)
             for k in range(DIRECTIONS) if not self.light.dark else ():
@@ -221,7 +221,7 @@ class StrandLight:
                 arriving = self.graphs.at_points(
                     "irradiance", given | {"normal": np.ascontiguousarray(normal.T)}, **numbers
                 )
-                toward = _unit(np.array(lamp.position_m, np.float32) - point)
+                toward = unit(np.array(lamp.position_m, np.float32) - point)
                 facing_it = given | {"normal": np.ascontiguousarray(toward.T)}
                 whole = self.graphs.at_points("irradiance", facing_it, **numbers)
                 total += colour * arriving.T / np.float32(np.pi) + whole.T * reflected(along, view, toward, colour)
@@ -258,7 +258,3 @@ def reflected(along: Float32, view: Float32, light: Float32, colour: Float32) ->
 
 def _lobe(angle: AnyFloat, width: float) -> AnyFloat:
     return np.asarray(np.exp(-0.5 * np.square(angle / width)) / (width * np.sqrt(2 * np.pi)))
-
-
-def _unit(vectors: Float32) -> Float32:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)

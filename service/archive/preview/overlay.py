@@ -26,12 +26,8 @@ from service.render.draw import over
 
 PANEL = (520, 640)
 """Largest width and height of each of the three panels, pixels."""
-LARGEST_SCALE = 4.0
-"""Largest magnification of the photo."""
 
 _MARGIN, _CAPTION = 12, 34
-_AROUND = 0.18
-"""Border around the head over its size."""
 _DETECTED, _FITTED = (0, 210, 255), (255, 120, 20)
 
 
@@ -72,7 +68,7 @@ def crop_box(avatar: Avatar) -> tuple[int, int, int, int]:
     reach = 2 * (high_face - low_face)
     low = np.maximum(points.min(0), low_face - reach)
     high = np.minimum(points.max(0), high_face + reach)
-    room = _AROUND * (high - low).max()
+    room = 0.18 * (high - low).max()
     left, top = np.floor(np.clip(low - room, 0, (width, height))).astype(int)
     right, bottom = np.ceil(np.clip(high + room, 0, (width, height))).astype(int)
     if right - left < 2 or bottom - top < 2:
@@ -89,7 +85,7 @@ def panel_box(avatar: Avatar) -> tuple[int, int, int, int]:
 def _panel_size(crop: tuple[int, int, int, int]) -> tuple[int, int]:
     """Width and height of the panels for a part of the photo."""
     width, height = crop[2] - crop[0], crop[3] - crop[1]
-    scale = min(PANEL[0] / width, PANEL[1] / height, LARGEST_SCALE)
+    scale = min(PANEL[0] / width, PANEL[1] / height, 4.0)
     return max(1, round(width * scale)), max(1, round(height * scale))
 
 
