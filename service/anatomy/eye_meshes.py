@@ -47,10 +47,6 @@ SULCUS, WAVES = (0.93, 1.08), 0.02
 """Radii in iris radii between which cornea goes over into sclera; tilt of the film's waves there, radians."""
 RELIEF_SIZE = 512
 """Side of the picture of the surface's normals, texels."""
-FILM_M = 0.00004
-"""Height of the tear film over the sclera."""
-TEAR_M = 0.0005
-"""Height of the tear line on the ball, from the edge of the lid."""
 CARUNCLE_M = (0.0016, 0.0012, 0.0010)
 """Half axes of the caruncle, across, up and forward."""
 CARUNCLE_BACK_M, CARUNCLE_AT = 0.0013, 6
@@ -231,8 +227,10 @@ def _tears(
     for row, sign in ((upper, -1.0), (lower, 1.0)):
         edge = row[np.argsort(head.mean[row, 0], kind="stable")]
         at = head.mean[edge].astype(np.float64)
-        onto = at + np.array([0.0, sign * TEAR_M, 0.0])
-        on_ball = ball.centre + (ball.radius + FILM_M) * ball.rays(onto)
+        # Height of the tear line on the ball, from the edge of the lid.
+        onto = at + np.array([0.0, sign * 0.0005, 0.0])
+        # Height of the tear film over the sclera.
+        on_ball = ball.centre + (ball.radius + 0.00004) * ball.rays(onto)
         middle = 0.5 * (at + on_ball) + 0.25 * (ball.centre + ball.radius * ball.rays(at) - at)
         strips += [at, middle, on_ball]
         follow += [edge, edge, edge]

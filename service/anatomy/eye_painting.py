@@ -85,9 +85,6 @@ LEAST_TEXELS = 12
 FIBRES, FIBRE_DEPTH = 28, 0.16
 """Number of cosines round the iris whose sum makes its fibres, and the amplitude of the sum in natural logarithms."""
 
-MOST_PERIODS = 70.0
-"""Most periods of a cosine round the iris; fewer where a texel does not resolve them."""
-
 COLLARETTE, COLLARETTE_WIDTH, COLLARETTE_LIGHT = 0.52, 0.07, 0.12
 """The collarette, the border between the iris's inner and outer zone: radius and width in iris radii, and how much
 lighter it is in natural logarithms."""
@@ -191,7 +188,8 @@ def _iris_on_map(albedo: Codes, eyes: list[DrawnEye]) -> Float32:
 
 def _fibres(eye: DrawnEye, random: np.random.Generator) -> Float32:
     """(N,) factor on the iris's colour: fibres and collarette; 1 on pupil and sclera."""
-    finest = min(MOST_PERIODS, np.pi * RING[0] / max(eye.texel, 1e-6))
+    # Most periods of a cosine round the iris; fewer where a texel does not resolve them.
+    finest = min(70.0, np.pi * RING[0] / max(eye.texel, 1e-6))
     periods = np.rint(np.exp(random.uniform(np.log(3), np.log(max(finest, 4)), FIBRES)))
     phases, bends = random.uniform(0, 2 * np.pi, FIBRES), random.normal(0, 1.5, FIBRES)
     fades = random.uniform(0, 2 * np.pi, FIBRES)

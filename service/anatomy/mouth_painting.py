@@ -56,22 +56,11 @@ GUMS = np.array([0.41, 0.157, 0.143], np.float32)
 WHITEST = (0.96, 0.92)
 """Largest reflectance of teeth in green and blue, over that in red: even bleached ones are yellower."""
 
-TEETH_HALF_DEPTH_M = 0.028
-"""Metres behind the front tooth at which a tooth's sRGB values have halved."""
-
-CROWN_M = (0.0095, 0.0115)
-"""Metres from the incisal edge: up to the first all is crown, from the second on all is gum."""
-
-NEIGHBOUR_M = 0.005
-"""Vertices within this horizontal distance, metres, belong to the same tooth."""
-
-BRIGHT = (0.60, 0.80)
-"""Luma over the measured tooth's up to which the photo shows a gap or a shadow, and from which on it shows teeth."""
-
 
 def crown_share(points: AnyFloat, vertices: AnyFloat, *, upper: bool) -> Float32:
     """(N,) in [0, 1], 1 on the crown of a tooth, 0 on the gum; arguments as of :func:`biting_height`."""
-    low, high = CROWN_M
+    # Metres from the incisal edge: up to the first all is crown, from the second on all is gum.
+    low, high = (0.0095, 0.0115)
     height = biting_height(points, vertices, upper=upper)
     return np.asarray(np.clip((high - height) / (high - low), 0.0, 1.0), np.float32)
 
@@ -86,7 +75,8 @@ def biting_height(points: AnyFloat, vertices: AnyFloat, *, upper: bool) -> Float
     """
     sign = 1.0 if upper else -1.0
     distance = np.linalg.norm(points[:, None, [0, 2]] - vertices[None, :, [0, 2]], axis=2)
-    near = distance <= np.maximum(NEIGHBOUR_M, distance.min(1, keepdims=True) + 1e-6)
+    # Vertices within this horizontal distance, metres, belong to the same tooth.
+    near = distance <= np.maximum(0.005, distance.min(1, keepdims=True) + 1e-6)
     edge = np.where(near, sign * vertices[None, :, 1], np.inf).min(1)
     return np.asarray(sign * points[:, 1] - edge)
 
@@ -120,12 +110,15 @@ class Teeth:
         """(n, 3) sRGB-coded albedo: teeth of a sRGB-coded colour (3,) at the front, darker the deeper they lie."""
         gums = linear_to_srgb(GUMS)
         flat = gums + self.crown[:, None] * (tooth - gums)
-        return np.asarray(flat * shade(self.depth, TEETH_HALF_DEPTH_M), np.float32)
+        # Metres behind the front tooth at which a tooth's sRGB values have halved.
+        return np.asarray(flat * shade(self.depth, 0.028), np.float32)
 
     def shows(self, colour: Float32, tooth: Float32) -> Float32:
         """(n,) in [0, 1]: how far the photo's sRGB colours (n, 3) are tooth (3,) rather than gap, shadow or gum."""
         bright = luma(colour) / max(float(luma(tooth)), 1e-3)
-        low, high = BRIGHT
+        # Luma over the measured tooth's up to which the photo shows a gap or a shadow, and from which on it shows
+        # teeth.
+        low, high = (0.60, 0.80)
         return np.asarray(np.clip((bright - low) / (high - low), 0.0, 1.0), np.float32)
 
 
@@ -156,9 +149,6 @@ EDGE_MM, EDGE = 0.9, (0.12, 0.07, 0.02)
 """Height of the translucent incisal edge, and the share of red, green and blue lost there: the dark mouth shines
 through."""
 
-POINTS = 400
-"""Samples of the dental arch, along which widths are measured."""
-
 
 def along_arch(points: Float64, vertices: Float64) -> Float64:
     """(N,) millimetres along the dental arch from the midline, > 0 to the subject's left, of points (N, 3) in metres.
@@ -170,7 +160,8 @@ def along_arch(points: Float64, vertices: Float64) -> Float64:
     x, z = vertices[:, 0], vertices[:, 2]
     basis = np.stack([np.ones_like(x), -x * x], 1)
     front, curvature = np.linalg.lstsq(basis, z, rcond=None)[0]
-    reach = np.linspace(-1.1, 1.1, POINTS) * max(float(np.abs(x).max()), 1e-4)
+    # Samples of the dental arch, along which widths are measured.
+    reach = np.linspace(-1.1, 1.1, 400) * max(float(np.abs(x).max()), 1e-4)
     arch = np.stack([reach, front - curvature * reach**2], 1)
     step = np.linalg.norm(np.diff(arch, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(step)])

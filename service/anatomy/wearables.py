@@ -33,11 +33,7 @@ from service.photo.photo import Photo
 BUST = "bust/body"
 SIDE = 256
 """Texels along its texture, which holds a smooth colour only."""
-EXACT = 0.99
-"""Weight of one vertex of the head from which on a vertex of the bust is the same point."""
 BUST_ROUGHNESS = 0.55
-BLEND_M = 0.045
-"""Distance from the seam up to which the bust bends towards the neck's tangent planes."""
 SPLITS = 2
 NEIGHBOURS = 12
 """Points of the seam whose tangent planes count for a vertex, by the inverse fourth power of their distance."""
@@ -45,22 +41,7 @@ LASHES = "lash/eyelashes02"
 """Upper and lower lashes of every head: even, of middle length."""
 LASH = np.array([0.0143, 0.0092, 0.0077], np.float32)
 """Diffuse albedo of lashes, linear RGB."""
-LASH_DENSITY = 0.5
-"""Factor on the asset's alpha, half of which is covered: 120 lashes of 0.07 mm, which taper, cover a quarter of a lid's
-30 mm (Thibaut et al. 2010). Denser ones shade the eye in path tracers."""
 
-BROW_LIFT_M = 0.0004
-"""Height of the brows' cards over where they were made: the skin of another head is curved differently."""
-BROW_SURE = 0.45
-"""Probability of brows from which on a cell gives their colour."""
-LEAST_BROW = 12
-"""Fewest such cells."""
-LIT = 200
-"""Code of the lit skin's map from which on a texel tells what the photo's light is."""
-LEAST_TEXELS = 100
-"""Fewest such texels."""
-RANGE = (0.2, 4.0)
-"""Smallest and largest ratio of albedo to the photo's colour in a channel."""
 BROWS = "brow_cards"
 """Name of the brows' mesh."""
 
@@ -84,8 +65,10 @@ def find_brows(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None)
     if reading is None or not fits(items, head):
         return None
     shown = reading.parts[..., BROW]
-    own = bytes_to_linear(reading.region.cut(photo.pixels, PART_CELLS))[shown > BROW_SURE]
-    if len(own) < LEAST_BROW:
+    # Probability of brows from which on a cell gives their colour.
+    own = bytes_to_linear(reading.region.cut(photo.pixels, PART_CELLS))[shown > 0.45]
+    # Fewest such cells.
+    if len(own) < 12:
         return None
     dark = own[own.sum(1) <= np.median(own.sum(1))]
     moved = fit.vertices - items.fitted_head
@@ -155,7 +138,9 @@ def lash_part(head: HeadModel, fit: Fit) -> MeshPart | None:
     if not fits(items, head):
         return None
     colour = np.rint(255 * linear_to_srgb(LASH)).astype(np.uint8)
-    alpha = np.rint(LASH_DENSITY * items.items[LASHES].picture[..., 0]).astype(np.uint8)
+    # Factor on the asset's alpha, half of which is covered: 120 lashes of 0.07 mm, which taper, cover a quarter of a
+    # lid's 30 mm (Thibaut et al. 2010). Denser ones shade the eye in path tracers.
+    alpha = np.rint(0.5 * items.items[LASHES].picture[..., 0]).astype(np.uint8)
     material = Material(
         "lashes", colour_map=OwnMap("lashes", _in_colour(alpha, colour)), alpha="blend", double_sided=True,
         roughness=0.6,
@@ -185,7 +170,8 @@ def brow_part(brows: Brows, head: HeadModel, fit: Fit) -> MeshPart:
     picture = brow_picture(item, brows.colour)
     material = Material("brows", colour_map=OwnMap("brows", picture), alpha="blend", double_sided=True, roughness=0.6)
     normals = area_normals(item.worn(fit.neutral - items.fitted_head), item.triangles)
-    return _following(BROWS, item, items, head, fit, material, lift=BROW_LIFT_M * normals)
+    # Height of the brows' cards over where they were made: the skin of another head is curved differently.
+    return _following(BROWS, item, items, head, fit, material, lift=0.0004 * normals)
 
 
 def brow_picture(item: Item, colour: Float32) -> UInt8:
@@ -237,7 +223,8 @@ def _tangent(part: MeshPart, item: Item, head: HeadModel, fit: Fit) -> MeshPart:
     share /= share.sum(1, keepdims=True)
     height = np.einsum("nki,nki->nk", columns[:, None, :3] - rim[which], normals[which])
     back = -np.einsum("nk,nk,nki->ni", share, height, normals[which])
-    fading = np.clip(1 - away[:, :1] / BLEND_M, 0, 1) ** 2
+    # Distance from the seam up to which the bust bends towards the neck's tangent planes.
+    fading = np.clip(1 - away[:, :1] / 0.045, 0, 1) ** 2
     # On the seam the two meshes share straight edges.
     columns[:, :6] += np.tile(fading * back * (columns[:, -1:] < 1), 2)
     f = np.float32
@@ -253,7 +240,8 @@ def _tangent(part: MeshPart, item: Item, head: HeadModel, fit: Fit) -> MeshPart:
 
 def seam(item: Item) -> tuple[Int64, Int64]:
     """Vertices of the bust that are the head's own, and which those are."""
-    own = np.flatnonzero(item.share[:, 0] > EXACT)
+    # Weight of one vertex of the head from which on a vertex of the bust is the same point.
+    own = np.flatnonzero(item.share[:, 0] > 0.99)
     return own, item.follow[own, 0].astype(np.int64)
 
 
@@ -302,12 +290,15 @@ def to_albedo(texture: UInt8, albedo: UInt8, lit_skin: UInt8) -> Float32:
 
     The light on hair is that on the skin: the networks say what it is there.
     """
-    chosen = lit_skin >= LIT
-    if int(chosen.sum()) < LEAST_TEXELS:
+    # Code of the lit skin's map from which on a texel tells what the photo's light is.
+    chosen = lit_skin >= 200
+    # Fewest such texels.
+    if int(chosen.sum()) < 100:
         return np.ones(3, np.float32)
     shown, own = (bytes_to_linear(image[chosen]) for image in (texture, albedo))
     ratio = np.median(own / np.maximum(shown, np.float32(1e-3)), 0)
-    return np.asarray(np.clip(ratio, *RANGE), np.float32)
+    # Smallest and largest ratio of albedo to the photo's colour in a channel.
+    return np.asarray(np.clip(ratio, 0.2, 4.0), np.float32)
 
 
 def small_albedo(codes: UInt16, size: tuple[int, int]) -> UInt8:

@@ -191,20 +191,10 @@ REGION_SCALE = 1.5
 """Side of the network's region over the longer side of the box, or of the landmarks' bounding box (MediaPipe)."""
 MOST_STEPS = 5
 """Most iterations of the region."""
-CONVERGED = 0.01
-"""Change of position and size over the side, and of the angle in radians, below which a region has converged."""
 CLEAR = 20.0
 """Presence logit from which a region is accepted without trying others."""
-HOPELESS = -6.0
-"""Presence logit below which no other start is tried; even full profiles are above it."""
 STRONG = 0.85
 """Detector score from which a mesh without evidence is tried from other starts; textures score lower."""
-LOGIT_SCALE = 10.0
-"""Difference of presence logits at which the better of two answers weighs e : 1 (from a yaw sweep of a known head)."""
-LARGEST_LOSS = 10.0
-"""Loss of presence logit above which an iteration is rejected."""
-LARGEST_SHIFT = 0.6
-"""Distance of the mesh's centre from the box's, over the box size, above which the mesh is of something else."""
 EYE_LEFT, EYE_RIGHT, NOSE, MOUTH = (33, 133), (362, 263), (1, 4), (13, 14)
 """Mesh points whose mean corresponds to the detector's image-left eye, image-right eye, nose tip and mouth."""
 
@@ -275,7 +265,9 @@ class MeshNetwork:
         plain = self._run(crop, region)
         opposite = self._run(crop[:, ::-1], Region(0.0, 0.0, float(MESH_SIZE)))
         local = opposite.landmarks[list(MIRROR)] * [-1.0, 1.0, 1.0] + [MESH_SIZE / 2, MESH_SIZE / 2, 0.0]
-        share = 1 / (1 + float(np.exp(np.clip((opposite.logit - plain.logit) / LOGIT_SCALE, -20, 20))))
+        # Difference of presence logits at which the better of two answers weighs e : 1 (from a yaw sweep of a known
+        # head).
+        share = 1 / (1 + float(np.exp(np.clip((opposite.logit - plain.logit) / 10.0, -20, 20))))
         landmarks = share * plain.landmarks + (1 - share) * region.to_photo(local, MESH_SIZE)
         return Mesh(landmarks, max(plain.logit, opposite.logit))
 
@@ -293,7 +285,8 @@ def locate(network: MeshNetwork, pixels: UInt8, detection: Detection) -> Mesh:
     """
     region = detection.region(REGION_SCALE)
     best = _first_clear(network, pixels, (_turned(region, k * np.pi / 2) for k in range(4)))
-    if best[1].logit < (HOPELESS if detection.score >= STRONG else 0.0):
+    # Presence logit below which no other start is tried; even full profiles are above it.
+    if best[1].logit < (-6.0 if detection.score >= STRONG else 0.0):
         return best[1]
     if best[1].logit < CLEAR:
         best = _first_clear(network, pixels, _around(best[0]), best)
@@ -335,10 +328,14 @@ def _iterated(network: MeshNetwork, pixels: UInt8, mesh: Mesh, detection: Detect
         mesh = network.both_ways(pixels, region)
         following = mesh.region
         gap = np.hypot(*(mesh.landmarks[:, :2].mean(0) - detection.centre))
-        if gap > LARGEST_SHIFT * detection.size or mesh.logit < best.logit - LARGEST_LOSS:
+        # 0.6: distance of the mesh's centre from the box's, over the box size, above which the mesh is of something
+        # else.
+        # 10.0: loss of presence logit above which an iteration is rejected.
+        if gap > 0.6 * detection.size or mesh.logit < best.logit - 10.0:
             break
         best = mesh
-        if _moved(region, following) < CONVERGED:
+        # Change of position and size over the side, and of the angle in radians, below which a region has converged.
+        if _moved(region, following) < 0.01:
             break
         region = following
     return best

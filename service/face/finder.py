@@ -137,14 +137,8 @@ def _box(face: Face) -> list[float]:
     return [round(float(v), 1) for v in face.box]
 
 
-SMALLEST_SOUGHT = 24.0
-"""Smallest face box searched for, pixels; below ``SMALLEST_FACE``, so that a small face is reported as such."""
 SMALLEST_IN_CROP = 14.0
 """Smallest box found reliably in the detector's 256-pixel input, pixels (measured: 98 of 100 at 12 pixels)."""
-MOST_TILES = 150
-"""Approximate limit of tiles in the finest pass; larger photos get larger tiles, which bounds the time."""
-MOST_CANDIDATES = 12
-"""Most candidates of one pass that are verified, best first."""
 HINT, CERTAIN = 0.4, 0.5
 """Detector scores from which a box is a candidate, and from which its verification succeeds."""
 UNCERTAIN = 10.0
@@ -157,12 +151,8 @@ CONSISTENT = 0.12
 """Largest mean distance between mesh and detector keypoints, over the box size, that counts as agreement.
 
 Measured: 0.01 to 0.04 on portraits, over 0.2 for a mesh beside the face."""
-MOST_ROUNDS = 3
-"""Most rounds of detector and landmarks in the verification of a candidate."""
 DOUBTED_PASSES, MOST_DOUBTED = 3, 3
 """Coarsest passes in which ``doubted`` looks, and how many boxes it gives at most."""
-LOW_RESOLUTION = 80.0
-"""Face box in pixels below which the fit is less certain (warning ``low-resolution``)."""
 
 
 class FaceFinder:
@@ -221,7 +211,8 @@ class FaceFinder:
         found: list[Detection] = []
         for region in photo_tiles(width, height, side, angle):
             found.extend(self._detector(pixels, region, HINT))
-        for candidate in merge(found)[:MOST_CANDIDATES]:
+        # Most candidates of one pass that are verified, best first.
+        for candidate in merge(found)[:12]:
             if _found_before(candidate.box, faces):
                 continue
             face = self._verify(pixels, candidate)
@@ -237,7 +228,8 @@ class FaceFinder:
         """
         seen = self._detect_near(pixels, candidate.region(1.0), candidate)
         best: tuple[float, Detection, Mesh] | None = None
-        for _ in range(MOST_ROUNDS):
+        # Most rounds of detector and landmarks in the verification of a candidate.
+        for _ in range(3):
             if seen is None:
                 break
             mesh = locate(self._mesh, pixels, seen)
@@ -272,8 +264,10 @@ def tile_sides(width: int, height: int) -> Iterator[float]:
     [2400, 1600, 800, 439]
     """
     longest = float(max(width, height))
-    budget = (2.25 * width * height / MOST_TILES) ** 0.5  # tiles lie two thirds of a side apart
-    finest = max(SMALLEST_SOUGHT * DETECTOR_SIZE / SMALLEST_IN_CROP, budget)
+    # Approximate limit of tiles in the finest pass; larger photos get larger tiles, which bounds the time.
+    budget = (2.25 * width * height / 150) ** 0.5  # tiles lie two thirds of a side apart
+    # Smallest face box searched for, pixels; below ``SMALLEST_FACE``, so that a small face is reported as such.
+    finest = max(24.0 * DETECTOR_SIZE / SMALLEST_IN_CROP, budget)
     yield 1.5 * longest
     side = longest
     while side > finest:
@@ -319,7 +313,8 @@ def _face(pixels: UInt8, gap: float, detection: Detection, mesh: Mesh) -> Face:
         warnings.append("landmarks-inconsistent")
     if mesh.logit < UNCERTAIN:
         warnings.append("landmarks-uncertain")
-    if detection.size < LOW_RESOLUTION:
+    # Face box in pixels below which the fit is less certain (warning ``low-resolution``).
+    if detection.size < 80.0:
         warnings.append("low-resolution")
     quarter = round(np.degrees(detection.angle) / 90) % 4
     if quarter:
@@ -347,10 +342,6 @@ OVAL = (
 )  # fmt: skip
 """Landmarks around the face, in order."""
 
-DARK = 0.05
-"""75th percentile of a face's linear luminance below which it is under-exposed (dark skin in good light has 0.15)."""
-EYE_GROWTH = 1.6
-"""Factor by which eye outlines are enlarged about their centre, to take in lids and lashes."""
 COVERED_LEVEL, COVERED_CONTRAST = 0.35, 0.4
 """An eye counts as covered if its 75th percentile of luminance is below the first factor times the cheek's median, and
 its interquartile range is at most the second factor times its mean.
@@ -367,7 +358,8 @@ def photo_warnings(pixels: UInt8, landmarks: Float64) -> tuple[str, ...]:
     """
     codes = []
     face = _luminance(pixels, landmarks[list(OVAL), :2])
-    if face.size and float(np.percentile(face, 75)) < DARK:
+    # 75th percentile of a face's linear luminance below which it is under-exposed (dark skin in good light has 0.15).
+    if face.size and float(np.percentile(face, 75)) < 0.05:
         codes.append("under-exposed")
     pairs = zip(EYES, CHEEKS, strict=True)
     if all(_covered(pixels, landmarks[list(eye), :2], landmarks[list(cheek), :2]) for eye, cheek in pairs):
@@ -378,7 +370,8 @@ def photo_warnings(pixels: UInt8, landmarks: Float64) -> tuple[str, ...]:
 def _covered(pixels: UInt8, eye: Float64, cheek: Float64) -> bool:
     """Whether an eye is much darker than its cheek and without contrast; False where either is out of view."""
     centre = eye.mean(0)
-    inside, skin = _luminance(pixels, centre + (eye - centre) * EYE_GROWTH), _luminance(pixels, cheek)
+    # Factor by which eye outlines are enlarged about their centre, to take in lids and lashes.
+    inside, skin = _luminance(pixels, centre + (eye - centre) * 1.6), _luminance(pixels, cheek)
     if not inside.size or not skin.size:
         return False
     low, high = (float(v) for v in np.percentile(inside, (25, 75)))

@@ -30,12 +30,8 @@ ROUNDS = 6
 """Rounds of weights of one pose."""
 FEWEST_CELLS = 1000
 """Fewest cells with a place on the head, of 4096, that make a face: profiles have 1500 to 2500."""
-INSIDE = 0.5
-"""Least share of a box inside the photo: beyond it all is black, of which the reader knows nothing."""
 AGREEMENT, NEAR_MM = 0.6, 8.0
 """Least share of the cells that lie within so many millimetres of the average head in the pose found."""
-SPREAD_M = 0.05
-"""Least extent of the cells' places on the head, metres: places that lie together tell no pose."""
 REACH_M = 0.012
 """Distance on the head over which a landmark follows the cells around it, metres."""
 
@@ -71,7 +67,8 @@ def faces_by_reading(pixels: UInt8, doubted: list[Detection], head: HeadModel, n
     """
     model = LandmarkModel(head, 0)
     for detection in doubted:
-        if _inside(detection, pixels) < INSIDE:
+        # Least share of a box inside the photo: beyond it all is black, of which the reader knows nothing.
+        if _inside(detection, pixels) < 0.5:
             continue
         seen = look(pixels, detection.region(CROP), head, model, network)
         if seen is not None and seen.cells >= FEWEST_CELLS and seen.share >= AGREEMENT:
@@ -114,7 +111,8 @@ def _seen(head: HeadModel, model: LandmarkModel, found: Correspondences) -> Prof
     if len(found.pixels) < 4:
         return None
     points = at_barycentric(head.mean, found.corners, found.weights)
-    if float(np.ptp(points, axis=0).max()) < SPREAD_M:
+    # Least extent of the cells' places on the head, metres: places that lie together tell no pose.
+    if float(np.ptp(points, axis=0).max()) < 0.05:
         return None
     certain = found.sure / np.maximum(found.sigma_mm, 1e-9) ** 2
     weight, pose = certain, weak_pose(points, found.pixels, certain)

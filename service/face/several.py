@@ -30,8 +30,6 @@ from service.photo.video import is_video, sharp_frames
 
 MOST_FRAMES = 9
 """Frames of a video that are used."""
-STEP_DEG = 18.0
-"""Turn of the head between two of them, about."""
 EARS = (234, 454)
 """Landmarks before the image-left and the image-right ear."""
 NOSE = 1
@@ -60,7 +58,8 @@ def best_frames(frames: Sequence[bytes], finder: FaceFinder) -> list[bytes]:
         faces = finder.find(photo.pixels)
         if not faces:
             continue
-        bin_ = round(turn_deg(faces[0]) / STEP_DEG)
+        # Turn of the head between two of them, about.
+        bin_ = round(turn_deg(faces[0]) / 18.0)
         merit = _sharpness(photo.pixels, faces[0])
         if merit > best.get(bin_, (0.0, b""))[0]:
             best[bin_] = (merit, data)
@@ -96,10 +95,6 @@ def _sharpness(pixels: UInt8, face: Face) -> float:
 
 MOST_PIXELS = 120_000_000
 """Pixels of all photos together, 3 bytes each; several larger ones are made smaller."""
-THUMBNAIL = 64
-"""Side of what is compared to find the same photo twice."""
-SAME_PHOTO = 1.5
-"""Mean difference of two thumbnails, of 255, below which they are one photo saved twice."""
 SMALLER, SAME = "photo-made-smaller", "same-photo"
 
 
@@ -207,7 +202,8 @@ def decoded(files: Sequence[bytes]) -> Gathered:
     kept: list[tuple[int, Photo]] = []
     thumbnails: list[UInt8] = []
     for number, photo in found:
-        small = np.asarray(cv2.resize(photo.pixels, (THUMBNAIL,) * 2, interpolation=cv2.INTER_AREA), np.uint8)
+        # Side of what is compared to find the same photo twice.
+        small = np.asarray(cv2.resize(photo.pixels, (64,) * 2, interpolation=cv2.INTER_AREA), np.uint8)
         if any(_same(photo, small, other, its) for (_, other), its in zip(kept, thumbnails, strict=True)):
             left.append(LeftOut(photo.sha256, SAME, "another photo is the same"))
             continue
@@ -221,7 +217,8 @@ def decoded(files: Sequence[bytes]) -> Gathered:
 
 
 def _same(one: Photo, small: UInt8, other: Photo, its: UInt8) -> bool:
-    return one.size == other.size and float(np.abs(small.astype(np.int16) - its).mean()) < SAME_PHOTO
+    # Mean difference of two thumbnails, of 255, below which they are one photo saved twice.
+    return one.size == other.size and float(np.abs(small.astype(np.int16) - its).mean()) < 1.5
 
 
 def smaller(photo: Photo, most: int) -> Photo:
@@ -340,13 +337,11 @@ def best_view(views: Sequence[View], fits: Sequence[Fit]) -> int:
     def merit(index: int) -> float:
         fit = fits[index]
         squarely = max(-float(fit.camera.rotation[2, 2]), 0.0)
-        size = min(fit.inter_ocular_px, LARGE_EYES)
+        # Distance of the eyes, pixels, beyond which a larger face tells no more.
+        size = min(fit.inter_ocular_px, 250.0)
         doubt = 0.5 if {"low-confidence", "gaze-not-seen"} & set(fit.warnings) else 1.0
         hidden = 0.5 if "eyes-covered" in views[index].face.warnings else 1.0
         return squarely**2 * size * doubt * hidden
 
     return max(range(len(fits)), key=lambda index: (merit(index), -index))
 
-
-LARGE_EYES = 250.0
-"""Distance of the eyes, pixels, beyond which a larger face tells no more."""

@@ -63,10 +63,6 @@ class Camera:
         return float(yaw), float(pitch), float(roll)
 
 
-SMALL_ANGLE = 1e-4
-"""Radians below which sin(a)/a and (1-cos(a))/a^2 are taken from their Taylor series."""
-
-
 def skew(w: Float64) -> Float64:
     """(..., 3) vectors -> (..., 3, 3) matrices with ``skew(w) @ v == cross(w, v)``."""
     zero = np.zeros_like(w[..., 0])
@@ -79,7 +75,8 @@ def exp_rotation(w: Float64) -> Float64:
     """(3,) rotation vector in radians -> (3, 3) rotation (Rodrigues; Taylor series near zero)."""
     angle = float(np.linalg.norm(w))
     k = skew(np.asarray(w, np.float64))
-    if angle < SMALL_ANGLE:
+    # Radians below which sin(a)/a and (1-cos(a))/a^2 are taken from their Taylor series.
+    if angle < 1e-4:
         a, b = 1.0 - angle**2 / 6.0, 0.5 - angle**2 / 24.0
     else:
         a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2

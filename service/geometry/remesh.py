@@ -169,23 +169,6 @@ def clipped(columns: Float64, triangles: Int64, field: Float64) -> tuple[Float64
     return np.concatenate(made)[used], place.reshape(-1, 3)
 
 
-BORDER = 3.0
-"""Weight of the planes that hold open borders and cuts, of the area of a triangle."""
-SHORT = 1e-4
-"""Weight of an edge's squared length times its area: among flat places the short edges go first."""
-LEAST_COSINE = 0.2
-"""No triangle may turn by more in one collapse than the angle with this cosine."""
-TRIES = 3
-"""Neighbours that are tried for a vertex in one round, the cheapest first."""
-EAGER = 0.25
-"""Share of the vertices, the cheapest, that may go in one round; among them chance decides, as in order of their cost
-few would be the cheapest of their surroundings."""
-SCATTER = 2654435761
-"""Knuth's multiplier of hashes, for that chance."""
-IDLE = 2000
-"""A round that takes away less than one vertex in so many triangles is the last."""
-
-
 @dataclass(frozen=True)
 class _Edges:
     """Directed edges (E,) from a vertex to a neighbour onto which it may go."""
@@ -215,7 +198,8 @@ def collapsed(
         idle = False
         while len(left) > number and not idle:
             chosen = _round(poses, quadrics, left, of, (len(left) - number + 1) // 2)
-            idle = len(chosen.start) * IDLE <= len(left)
+            # A round that takes away less than one vertex in so many triangles is the last.
+            idle = len(chosen.start) * 2000 <= len(left)
             left = _applied(chosen, left, of, len(poses[0]))
             for quadric in quadrics:
                 np.add.at(quadric, chosen.end, quadric[chosen.start])
@@ -244,7 +228,8 @@ def _quadrics(points: Float64, triangles: Int64, vertex: Int64) -> Float64:
     wall = np.cross(along, across)
     length = np.linalg.norm(along, axis=1)
     wall /= np.maximum(np.linalg.norm(wall, axis=1), 1e-18)[:, None]
-    _add(out, vertex[ends[alone]], wall, start, BORDER * length**2)
+    # Weight of the planes that hold open borders and cuts, of the area of a triangle.
+    _add(out, vertex[ends[alone]], wall, start, 3.0 * length**2)
     return out
 
 
@@ -269,7 +254,8 @@ def _round(poses: list[Float64], quadrics: list[Float64], left: Int64, vertex: I
     cost = _costs(poses, quadrics, edges)
     best, target = np.full(count, np.inf), np.full(count, -1, np.int64)
     corners = vertex[left]
-    for _ in range(TRIES):
+    # Neighbours that are tried for a vertex in one round, the cheapest first.
+    for _ in range(3):
         order = np.lexsort((edges.end, cost, edges.start))
         order = order[np.isfinite(cost[order])]
         first = order[np.unique(edges.start[order], return_index=True)[1]]
@@ -280,8 +266,11 @@ def _round(poses: list[Float64], quadrics: list[Float64], left: Int64, vertex: I
         cost[first] = np.inf
     may = np.flatnonzero(np.isfinite(best))
     order = may[np.lexsort((may, best[may]))]
-    order = order[: max(int(EAGER * len(order)), 1)]
-    order = order[np.argsort(order * SCATTER % 2**32, kind="stable")]
+    # Share of the vertices, the cheapest, that may go in one round; among them chance decides, as in order of their
+    # cost few would be the cheapest of their surroundings.
+    order = order[: max(int(0.25 * len(order)), 1)]
+    # Knuth's multiplier of hashes, for that chance.
+    order = order[np.argsort(order * 2654435761 % 2**32, kind="stable")]
     rank = np.full(count, count, np.int64)
     rank[order] = np.arange(len(order))
     lowest = _lowest_near(graph, _lowest_near(graph, rank))
@@ -317,7 +306,8 @@ def _costs(poses: list[Float64], quadrics: list[Float64], edges: _Edges) -> Floa
     for points, quadric in zip(poses, quadrics, strict=True):
         there = np.concatenate([points[edges.end], np.ones((len(edges.end), 1))], 1)
         total += np.einsum("ei,eij,ej->e", there, quadric[edges.start] + quadric[edges.end], there)
-        total += SHORT * ((points[edges.start] - points[edges.end]) ** 2).sum(1) ** 2
+        # Weight of an edge's squared length times its area: among flat places the short edges go first.
+        total += 1e-4 * ((points[edges.start] - points[edges.end]) ** 2).sum(1) ** 2
     return np.maximum(total, 0.0)
 
 
@@ -334,7 +324,8 @@ def _turns(poses: list[Float64], corners: Int64, start: Int64, end: Int64) -> Bo
         for points in poses:
             before, after = _normals(points, corners[rows]), _normals(points, moved)
             size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
-            turned[corners[rows, k][(before * after).sum(1) <= LEAST_COSINE * size]] = True
+            # No triangle may turn by more in one collapse than the angle with this cosine.
+            turned[corners[rows, k][(before * after).sum(1) <= 0.2 * size]] = True
     return np.asarray(turned[start])
 
 

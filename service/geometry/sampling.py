@@ -13,9 +13,6 @@ from service.arrays import AnyFloat, AnyInt, Float32, Float64, UInt8
 _COLUMNS, _ROWS = 1024, 16384
 """Points per call of ``cv2.remap``: neither side of its maps may reach 32768."""
 
-MOST_SAMPLES = 3
-"""Most samples per side of a footprint; larger footprints read coarser levels of the pyramid."""
-
 OVERLAP = 1.4
 """Spacing of samples in pixels: bilinear interpolation averages over what lies between them."""
 
@@ -126,7 +123,8 @@ def sample_area(pyramid: Pyramid, points: AnyFloat, jacobian: AnyFloat) -> Float
     j = np.nan_to_num(np.asarray(jacobian, np.float32))
     longest = np.sqrt(np.maximum(j[..., 0, 0] ** 2 + j[..., 1, 0] ** 2, j[..., 0, 1] ** 2 + j[..., 1, 1] ** 2))
     wide = float(np.percentile(longest, 75)) / OVERLAP if longest.size else 1.0
-    side = int(np.clip(np.ceil(wide), 1, MOST_SAMPLES))
+    # Most samples per side of a footprint; larger footprints read coarser levels of the pyramid.
+    side = int(np.clip(np.ceil(wide), 1, 3))
     centre, along_x, along_y = np.asarray(points, np.float32), j[..., 0], j[..., 1]
     offsets = ((np.arange(side) + 0.5) / side - 0.5).astype(np.float32)
     total = np.zeros((*longest.shape, pyramid.levels[0].shape[2]), np.float32)

@@ -87,10 +87,6 @@ _FAR_M = 100.0
 _MOST_SUNS = 3
 _SUN_REACH_DEG = 6.0
 """Angular radius around a peak within which radiance belongs to a sun."""
-_SUN_SHARE = 0.02
-"""Fraction of all light that a sun has to exceed."""
-_SUN_CONTRAST = 8.0
-"""Ratio of a sun's peak to the ring around it that has to be exceeded."""
 
 
 @functools.lru_cache(maxsize=1)
@@ -198,7 +194,9 @@ def without_suns(image: Float64) -> tuple[Float64, tuple[PointLight, ...]]:
         ring = (cosine > math.cos(math.radians(2.0 * _SUN_REACH_DEG))) & ~spot
         level = np.median(sky[ring], 0)
         excess = np.maximum(sky - level, 0.0) * (spot * angles)[..., None]
-        if light[peak] <= _SUN_CONTRAST * level.mean() or excess.mean(-1).sum() <= _SUN_SHARE * total:
+        # 8.0: ratio of a sun's peak to the ring around it that has to be exceeded.
+        # 0.02: fraction of all light that a sun has to exceed.
+        if light[peak] <= 8.0 * level.mean() or excess.mean(-1).sum() <= 0.02 * total:
             break
         suns.append(_sun(excess, directions, float(np.sqrt(angles[peak] / math.pi))))
         sky = np.where(spot[..., None], np.minimum(sky, level), sky)

@@ -67,8 +67,6 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 BAND_GAIN = COSINE_LOBE / np.pi
 """Clamped-cosine transfer A_l / pi of the bands 0, 1, 2."""
-RIDGE = 1e-3
-"""Ridge over the trace of the normal matrix: half the sphere of normals is never visible, so it is near singular."""
 
 
 def sh_basis(normals: Float64) -> Float64:
@@ -100,7 +98,9 @@ def estimate_light(normals: Float64, colours: Float64, weights: Float64, rounds:
     for _ in range(rounds):
         w = (weight * robust)[:, None]
         gram = rows.T @ (w * rows)
-        gram += np.eye(9) * max(RIDGE * float(np.trace(gram)), 1e-12)
+        # Ridge over the trace of the normal matrix: half the sphere of normals is never visible, so it is near
+        # singular.
+        gram += np.eye(9) * max(1e-3 * float(np.trace(gram)), 1e-12)
         light = np.asarray(np.linalg.solve(gram, rows.T @ (w * colour)), np.float64)
         residual = np.abs(colour - rows @ light).mean(1)
         spread = max(1.4826 * float(np.median(residual)), 1e-4)
@@ -115,9 +115,6 @@ FOLDER = MODELS.parent / "light"
 
 PIECE = 1 << 17
 """Points per run: some tens of intermediate planes then take tens of megabytes."""
-
-_NOTHING = -1e30
-"""Depth of empty cells."""
 
 
 class Graphs:
@@ -164,7 +161,8 @@ class Graphs:
             towards: direction, or position in mm.
         """
         cells = _cells(name, occluders, spacing_mm, towards)
-        blank = np.full((cells, cells), _NOTHING, np.float32)
+        # Depth of empty cells.
+        blank = np.full((cells, cells), -1e30, np.float32)
         axis = "direction" if name == "lit_from_direction" else "light_mm"
         one = np.asarray(spacing_mm, np.float32)
         return self.run(name, occluders=occluders, points=points, spacing_mm=one, blank=blank, **{axis: towards})
@@ -214,10 +212,6 @@ def mirror_openness(openness: Float64, n_v: Float64, alpha: Float64) -> Float64:
     return np.asarray(np.clip(np.maximum(n_v + openness, 0.0) ** power - 1.0 + openness, 0.0, 1.0))
 
 
-SHARP_RAD = 0.002
-"""Angular radius as seen from the head below which a lamp counts as a point."""
-
-
 def disc_of(light: PointLight, centre_m: Float64) -> Float64:
     """(S, 3) metres, points on the disc that faces the head, S = 1 to 16 (sunflower pattern).
 
@@ -228,7 +222,8 @@ def disc_of(light: PointLight, centre_m: Float64) -> Float64:
     at = np.asarray(light.position_m, np.float64)
     towards = np.asarray(centre_m, np.float64) - at
     distance = max(float(np.linalg.norm(towards)), 1e-3)
-    if light.radius_m / distance < SHARP_RAD:
+    # Angular radius as seen from the head below which a lamp counts as a point.
+    if light.radius_m / distance < 0.002:
         return at[None]
     axis = normalise(towards)
     right = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)

@@ -24,11 +24,6 @@ MARGIN = 1.4
 """Factor of the bound for the approximations of the shading."""
 FLOOR = 0.01
 """Constant part of every bound, 1/255 of sRGB."""
-MIRROR_DOUBT = 0.04
-"""Relative difference of the sky's reflection between one lobe and two, which the few directions cannot resolve."""
-
-PROFILE_DOUBT = 0.2
-"""Relative error of the change by scattering: three rings miss features narrower than their spacing."""
 
 _SHADOWS = ("shadows", "relief_shadows")
 _ASSUMPTIONS: dict[str, tuple[tuple[str, ...], ...]] = {
@@ -83,10 +78,13 @@ class Estimates:
         before = self.shading.picture(assumptions) if assumptions else self._whole
         change = np.abs(self.shading.picture({*items, *assumptions}) - before)
         if ("scattering", None) in items:
-            change = (1.0 + PROFILE_DOUBT) * change + self.shading.soft_edges()
+            # Relative error of the change by scattering: three rings miss features narrower than their spacing.
+            change = (1.0 + 0.2) * change + self.shading.soft_edges()
         if ("second_lobe", None) in items:
             mirror = np.abs(self.shading.picture({("reflection", None)}) - self._whole)
-            change = change + MIRROR_DOUBT * mirror
+            # Relative difference of the sky's reflection between one lobe and two, which the few directions cannot
+            # resolve.
+            change = change + 0.04 * mirror
         return np.asarray(change.mean(-1))
 
     def _rare(self, effect: str, light: int | None, change: Float64) -> float:

@@ -41,8 +41,6 @@ _NEAREST_M = 1e-3
 """Smallest distance in the inverse square law."""
 _CONE = np.radians(9.0)
 """Half angle around a lamp over which visibility is averaged."""
-_SOFT_SLOPE = 0.08
-"""Difference of slopes over which a relief shadow fades in."""
 
 
 def develop(light: Float64, response: Response) -> Float64:
@@ -147,7 +145,8 @@ def _relief(towards: Float64, s: SurfaceSamples) -> tuple[Float64, Float64]:
 
 
 def _let_through(slope: Float64, horizon: Float64) -> Float64:
-    return np.asarray(np.clip((slope - horizon) / _SOFT_SLOPE + 1.0, 0.0, 1.0))
+    # Difference of slopes over which a relief shadow fades in.
+    return np.asarray(np.clip((slope - horizon) / 0.08 + 1.0, 0.0, 1.0))
 
 
 @dataclass

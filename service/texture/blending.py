@@ -28,31 +28,15 @@ from service.light.formulas import LUMINANCE, sh_basis
 from service.robust import agreement, smoothstep
 from service.texture.unwrap import Segmentation, Unwrapped, Zones
 
-DARKEST = 2e-3
-"""Linear value at which logarithms stop."""
-SHADE = 0.4
-"""Least light over its mean that the fits are believed, as they know of no light from behind."""
-BELIEVED = 0.5
-"""Share of that ratio of lights that is believed: of the sides of a head, a frontal photo tells little."""
 GAIN_SMOOTHNESS, GAIN_PRIOR = 0.5, 0.02
 """Weights of the gains' smoothness, and of the ratio of the lights, relative to a texel that both photos see well."""
 MOST_GAIN = 5.0
 """Largest magnitude of a gain, natural logarithm."""
-WELL = (0.05, 0.3)
-"""Opacity from which on a texel tells the gains, and from which on fully."""
-SHARP_PX = 110.0
-"""Distance of the eyes in pixels that a texture of 576 x 384 can hold; larger faces are no better on it."""
 DIM, CLIPPED = (0.0, 0.45), (0.93, 0.99)
 """sRGB values up to which noise is all that a photo shows and from which on it is well exposed; and at which light is
 lost."""
-KEEN = 4.0
-"""Power of the weights by which the finest octave is blended: of the best view alone, nearly."""
 OCTAVES = (1.5, 4.0, 10.0)
 """Standard deviations, texels of a chart of 576, between which octaves lie."""
-ASTRAY = 0.3
-"""Difference from what most photos show, natural logarithm of luminance, at which a photo's say is quartered."""
-OWN_FEATURES = 4.0
-"""Factor on the first photo's weight at lids and lips: what moves has the shape that it has there."""
 
 
 @dataclass(frozen=True)
@@ -103,10 +87,12 @@ def blend(chart: Chart, layers: Sequence[Layer], fits: Sequence[Fit], zones: Zon
     weights = np.stack([_merit(layer, fit) for layer, fit in zip(layers, fits, strict=True)])
     weights[1:] *= zones.skin
     features = chart.inside(vertex_mask(chart.head, "lips", "eyelid_left", "eyelid_right")[:, None])[:, 0]
-    weights[0] *= 1 + (OWN_FEATURES - 1) * features
+    # Factor on the first photo's weight at lids and lips: what moves has the shape that it has there.
+    weights[0] *= 1 + (4.0 - 1) * features
     gains = _gains(chart, layers, fits, logs, weights, zones)
     lit = np.stack([one + gain for one, gain in zip(logs, gains, strict=True)])
-    weights *= agreement(np.asarray(lit @ LUMA, np.float32), weights, weights > 0.02, ASTRAY)
+    # Difference from what most photos show, natural logarithm of luminance, at which a photo's say is quartered.
+    weights *= agreement(np.asarray(lit @ LUMA, np.float32), weights, weights > 0.02, 0.3)
     total = weights.sum(0)
     shares = np.asarray(weights / np.maximum(total, 1e-9), np.float32)
     colour = linear_to_srgb(np.exp(_in_octaves(chart, lit, weights)))
@@ -132,12 +118,14 @@ def blend(chart: Chart, layers: Sequence[Layer], fits: Sequence[Fit], zones: Zon
 
 def _log(colour: Float32) -> Float32:
     """(N, 3) natural logarithm of linear RGB of sRGB colours."""
-    return np.log(np.maximum(srgb_to_linear(colour), np.float32(DARKEST)))
+    # Linear value at which logarithms stop.
+    return np.log(np.maximum(srgb_to_linear(colour), np.float32(2e-3)))
 
 
 def _merit(layer: Layer, fit: Fit) -> Float32:
     """(N,) how well a photo shows each texel: squarely, at a fine scale, unhidden."""
-    scale = min(fit.inter_ocular_px / SHARP_PX, 1.0) ** 2
+    # Distance of the eyes in pixels that a texture of 576 x 384 can hold; larger faces are no better on it.
+    scale = min(fit.inter_ocular_px / 110.0, 1.0) ** 2
     doubt = 0.5 if "low-confidence" in fit.warnings else 1.0
     colour = layer.unwrapped.colour
     exposed = smoothstep(colour.max(1), *DIM) * (1 - 0.7 * smoothstep(colour.max(1), *CLIPPED))
@@ -159,7 +147,8 @@ def _gains(
         one = max(rest, key=lambda k: (float((ahead[done] @ ahead[k]).max()), -k))
         total = weights[done].sum(0)
         known = np.einsum("kn,knc->nc", weights[done], np.stack([logs[k] + gains[k] for k in done]))
-        both = smoothstep(np.minimum(total, weights[one]), *WELL) * layers[one].found.lit * zones.skin
+        # Opacity from which on a texel tells the gains, and from which on fully.
+        both = smoothstep(np.minimum(total, weights[one]), 0.05, 0.3) * layers[one].found.lit * zones.skin
         apart = known / np.maximum(total, np.float32(1e-6))[:, None] - logs[one]
         field = _field(chart, edges, apart, both, shades[0] - shades[one])
         gains[one] = chart.inside(np.clip(field, -MOST_GAIN, MOST_GAIN).astype(np.float32))
@@ -174,7 +163,8 @@ def _field(chart: Chart, edges: csc_array, apart: Float32, trust: Float32, light
     values, known = splat(chart.corners, chart.weights, apart, trust, count)
     weight = known[:, None]
     total = float(known.sum())
-    light = BELIEVED * light
+    # Share of that ratio of lights that is believed: of the sides of a head, a frontal photo tells little.
+    light = 0.5 * light
     exposure = (weight * (values - light)).sum(0) / total if total > 1 else np.zeros(3)
     return smooth_fit(edges, values, known, GAIN_SMOOTHNESS, light + exposure, GAIN_PRIOR)
 
@@ -184,13 +174,15 @@ def _log_shade(fit: Fit, triangles: np.ndarray) -> Float64:
     if fit.light is None:
         return np.zeros((len(fit.vertices), 1))
     normals = vertex_normals(fit.vertices, triangles).astype(np.float64) @ fit.camera.rotation.T
-    return np.asarray(np.log(np.maximum(sh_basis(normals) @ fit.light @ LUMINANCE, SHADE)))[:, None]
+    # Least light over its mean that the fits are believed, as they know of no light from behind.
+    return np.asarray(np.log(np.maximum(sh_basis(normals) @ fit.light @ LUMINANCE, 0.4)))[:, None]
 
 
 def _in_octaves(chart: Chart, lit: Float32, weights: Float32) -> Float32:
     """(N, 3) values (K, N, 3) blended octave by octave by weights (K, N)."""
     sigmas = [max(sigma * chart.width / 576, 0.5) for sigma in OCTAVES]
-    keen = np.power(weights, np.float32(KEEN))
+    # Power of the weights by which the finest octave is blended: of the best view alone, nearly.
+    keen = np.power(weights, np.float32(4.0))
     shown = weights > 0
     result: Float32 = np.zeros(lit.shape[1:], np.float32)
     above = lit

@@ -92,19 +92,10 @@ def _sample(block: Float64, cells: Float64) -> Float64:
     return result
 
 
-OPAQUE = (0.03, 0.25)
-"""Weight at which the photo begins to show, and from which on it shows alone."""
-
 SMOOTHNESS = 0.25
 """Weight of the base colour's smoothness relative to a fully trusted texel; the photo's detail is added on top."""
 
 LIGHT_SMOOTHNESS = 0.3
-LIGHT_PRIOR = 0.0005
-"""Weights of smoothness and of the prior 0 for the colour difference between the head's halves: where only one half is
-known it fades within some twenty vertices."""
-
-MIRROR_TRUST = 0.4
-"""Weight of the mirrored colour relative to a seen one of the same trust."""
 
 PRIOR_TRUST = 0.02
 """Weight of the prior, the mean colour of skin or hair."""
@@ -118,10 +109,6 @@ MOST_GRAIN = 0.02
 LIP = (0.35, 0.55)
 """Values of the region's soft mask at which a texel begins to be lip, and from which on it is lip: the mask fades out
 over skin, and slightly where the lips turn in."""
-
-LIPS_ALIKE = 10 / 576
-"""Standard deviation of the Gaussian that carries the seen lips' colour to unseen ones, as a share of the chart's
-width."""
 
 LEAST_LIP = 1e-3
 """Weight of the mean of all seen lips, relative to lips nearby of weight 1."""
@@ -144,7 +131,8 @@ class Completed:
 
 def opacity(weight: AnyFloat) -> Float32:
     """(N,) opacity of the photo in [0, 1], from its weight (N,)."""
-    return smoothstep(np.asarray(weight, np.float32), *OPAQUE)
+    # Weight at which the photo begins to show, and from which on it shows alone.
+    return smoothstep(np.asarray(weight, np.float32), 0.03, 0.25)
 
 
 def complete_skin(
@@ -186,8 +174,11 @@ def _base(chart: Chart, values: Float32, trust: Float32, skin: Float32, scalp: F
     known, k = splat(chart.corners, chart.weights, values, trust, count)
     reflected, k_reflected = known[head.mirror], k[head.mirror]
     both = np.minimum(k, k_reflected)
-    light = smooth_fit(edges, known - reflected, both, LIGHT_SMOOTHNESS, np.zeros(4), LIGHT_PRIOR)
-    share = MIRROR_TRUST * np.maximum(1 - k, 0) * k_reflected
+    # Weights of smoothness and of the prior 0 for the colour difference between the head's halves: where only one half
+    # is known it fades within some twenty vertices.
+    light = smooth_fit(edges, known - reflected, both, LIGHT_SMOOTHNESS, np.zeros(4), 0.0005)
+    # Weight of the mirrored colour relative to a seen one of the same trust.
+    share = 0.4 * np.maximum(1 - k, 0) * k_reflected
     total = k + share
     blend = np.where(total > 0, share / np.where(total > 0, total, 1), 0)[:, None]
     known = known + blend * (reflected + light - known)
@@ -223,7 +214,9 @@ def _lip_difference(chart: Chart, colour: Float32, base: Float32, seen: Float32)
         return np.zeros_like(base)
     shown = np.where(weight > 0, colour, 0) * weight
     spread = chart.spread(np.concatenate([shown, weight], 1).astype(np.float32))
-    near = blurred(spread, chart.width * LIPS_ALIKE).reshape(-1, 4)[chart.texels]
+    # Standard deviation of the Gaussian that carries the seen lips' colour to unseen ones, as a share of the chart's
+    # width.
+    near = blurred(spread, chart.width * (10 / 576)).reshape(-1, 4)[chart.texels]
     mean = shown.sum(0) / weight.sum()
     lip = (near[:, :3] + LEAST_LIP * mean) / (near[:, 3:] + LEAST_LIP)
     return np.asarray(lips[:, None] * (lip - base), np.float32)

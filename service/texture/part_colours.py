@@ -20,15 +20,6 @@ from service.map_registry import SEEN
 from service.texture.inpainting import opacity
 from service.texture.unwrap import Unwrapped, Zones
 
-DARKEST = 1e-3
-"""Smallest linear value of the sclera, as albedos are divided by its light."""
-
-BETWEEN_LIDS = 0.7
-"""Factor on sRGB values by which the lids shade the conjunctiva between them and the eyeball."""
-
-COLOURFUL = 0.06
-"""Range of the skin's sRGB channels from which on a photo counts as coloured; in a grey one all parts are grey."""
-
 KNOWN = 0.05
 """Share of a texel that has to be another part than skin for it to have an albedo."""
 
@@ -57,8 +48,10 @@ class LightOnParts:
         if sclera is None:
             bright = np.percentile(luma(face), 95) / 0.8 if len(face) else 1.0
             sclera = linear_to_srgb(SCLERA) * np.float32(np.clip(bright, 0.35, 1.15))
-        colourful = 1.0 if skin is None else float(np.clip((skin.max() - skin.min()) / COLOURFUL, 0.0, 1.0))
-        white = np.maximum(srgb_to_linear(sclera), np.float32(DARKEST)) / SCLERA
+        # Range of the skin's sRGB channels from which on a photo counts as coloured; in a grey one all parts are grey.
+        colourful = 1.0 if skin is None else float(np.clip((skin.max() - skin.min()) / 0.06, 0.0, 1.0))
+        # Smallest linear value of the sclera, as albedos are divided by its light.
+        white = np.maximum(srgb_to_linear(sclera), np.float32(1e-3)) / SCLERA
         grey = luma(white)
         return cls(np.asarray(grey + np.float32(colourful) * (white - grey), np.float32), colourful)
 
@@ -119,7 +112,8 @@ def paint_parts(
     work = _Work(chart, light, colour.copy(), code.copy(), np.zeros_like(colour), np.zeros(len(colour), np.float32))
 
     socket = np.clip(zones.hidden - zones.mouth, 0, 1) * zones.skin
-    work.over_skin(socket, linear_to_srgb(SOCKET), np.float32(BETWEEN_LIDS))
+    # Factor on sRGB values by which the lids shade the conjunctiva between them and the eyeball.
+    work.over_skin(socket, linear_to_srgb(SOCKET), np.float32(0.7))
     mouth = zones.mouth * zones.skin
     work.over_skin(mouth, paint_lining(chart, mouth), np.float32(1))
     # With no iris found, the head's eyes may look elsewhere than the photo's, or it shows lids or lenses instead.

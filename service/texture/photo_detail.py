@@ -81,26 +81,18 @@ class PhotoDetail:
 AROUND, KERNEL = 1.5, (11, 11)
 """Standard deviation, texels of an octave's own level, of the neighbourhood over which its power is measured; and where
 that ends."""
-USUAL = 0.003
-"""Least usual strength of an octave of skin, standard deviation of sRGB-coded luma."""
 FACE_BORDER = 8
 """Pixels around the face that its sharpness is measured on."""
 SOFT = 2.0
 """Standard deviation, texels of the texture, over which the photo's share fades out."""
 REGIONS = ("forehead", "nose", "cheek_left", "cheek_right", "lips", "chin", "ear_left", "ear_right", "neck")
 SHOWN_SIZE = (288, 192)
-LEAST_TEXELS = 20
-"""Texels of that size with fewer of which a region is not reported."""
 LEAST_SEEN = 0.01
 """Opacity of the photo below which a texel's detail is left alone."""
 WHITE, BLACK = 252 / 255, 2 / 255
 """sRGB-coded values beyond which a channel is clipped."""
-CLIPPED_SOFT = 4.0
-"""Standard deviation, texels of the map, over which the photo's share fades out towards clipped skin."""
 SIZES = (576, 1152, 2304, 4608, 6144)
 """Widths of a texture that follows the photo's resolution."""
-DENSE = 0.9
-"""Quantile over the seen skin of the photo's pixels per texel that decides the size."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +162,8 @@ class OwnDetail:
         if not seen.any():
             return TEXTURE_SIZE
         pixels = np.sqrt(self.places.finest * self.places.coarsest)[seen]
-        width = float(np.quantile(pixels, DENSE)) * size[0] * min(2 * self.sharpness.finest, 1.0)
+        # Quantile over the seen skin of the photo's pixels per texel that decides the size.
+        width = float(np.quantile(pixels, 0.9)) * size[0] * min(2 * self.sharpness.finest, 1.0)
         width = max(width, *(one.texture_size(most)[0] for one in self.others)) if self.others else width
         fitting = [one for one in SIZES if one <= most] or [min(SIZES[0], most)]
         chosen = next((one for one in fitting if one >= width), fitting[-1])
@@ -249,7 +242,8 @@ def _per_mm(places: Places, head: HeadModel, seen: Float32) -> dict[str, float]:
     found = {}
     for name in REGIONS:
         inside = shown & (chart.interpolate(vertex_mask(head, name))[..., 0] > 0.5)
-        if int(inside.sum()) >= LEAST_TEXELS:
+        # Texels of that size with fewer of which a region is not reported.
+        if int(inside.sum()) >= 20:
             found[name] = round(float(np.median(dense[inside])), 3)
     return found
 
@@ -268,7 +262,8 @@ def _face(photo: Photo, places: Places, seen: Float32) -> UInt8:
 def _clipped(photo: Float32) -> Float32:
     """(h, w) in [0, 1]: where a photo (h, w, 3) is white or black in all channels, which tells of no detail."""
     lost = (least(photo) > WHITE) | (most(photo) < BLACK)
-    return blurred(lost.astype(np.float32), CLIPPED_SOFT)
+    # Standard deviation, texels of the map, over which the photo's share fades out towards clipped skin.
+    return blurred(lost.astype(np.float32), 4.0)
 
 
 def _areas(index: int, share: Float32, area: Float32, inside: tuple[slice, slice]) -> tuple[float, float]:
@@ -322,7 +317,8 @@ class _Work:
         lowest = np.float32(1 / 2 ** (index + 2)) / np.maximum(shrunk(pixels, size), np.float32(1e-4))
         left = self._own.sharpness.resolved(np.sqrt(np.float32(2)) * lowest)
         noise = self._own.sharpness.noise_power(lowest)
-        found, usual = power(band), np.maximum(power(made_up), USUAL**2)
+        # Least usual strength of an octave of skin, standard deviation of sRGB-coded luma.
+        found, usual = power(band), np.maximum(power(made_up), 0.003**2)
         signal = np.maximum(1 - noise / np.maximum(found, tiny), 0)
         own = signal * found / np.maximum(left, LEAST_LEFT)
         gain = here * np.sqrt(signal) * np.minimum(4 * left, 1)

@@ -84,8 +84,6 @@ class Places:
 
 MARGIN = 8
 """Pixels around what is read, for interpolation."""
-LEAST_LEVEL = 16
-"""Shortest side of a level of the pyramid, pixels."""
 ROWS = 1024
 """Rows of the photo that are halved at a time."""
 
@@ -118,7 +116,8 @@ class Reader:
         low = np.clip(pixel.min(0) // grid - MARGIN, 0, last).astype(int) * grid
         high = np.clip((pixel.max(0) // grid + MARGIN) * grid, low + 1, photo.size).astype(int)
         levels = [photo.pixels[low[1] : high[1], low[0] : high[0]]]
-        while len(levels) <= count and min(levels[-1].shape[:2]) >= 2 * LEAST_LEVEL:
+        # Shortest side of a level of the pyramid, pixels.
+        while len(levels) <= count and min(levels[-1].shape[:2]) >= 2 * 16:
             levels.append(halved(levels[-1]))
         return cls(tuple(levels), low.astype(np.float32), places, size)
 
@@ -199,13 +198,11 @@ STRIP, ACROSS = 512, 1536
 """Rows of a map that are changed at a time, and most columns: with all around them and two at once a third of a
 gigabyte."""
 
-REACH = 8
-"""Texels of the coarsest level that a strip needs around it: for the pyramid, and for power measured over five."""
-
 
 def halo(octaves: int) -> int:
     """Texels around a strip, a multiple of the coarsest level's texel."""
-    return REACH * int(2**octaves)
+    # Texels of the coarsest level that a strip needs around it: for the pyramid, and for power measured over five.
+    return 8 * int(2**octaves)
 
 
 def down(image: Float32) -> Float32:

@@ -20,18 +20,8 @@ from service.image_filters import blurred
 
 SECOND_BLUR = 1.0
 """Standard deviation t, pixels."""
-SHARPEST = 0.10
-"""Quantile of the edges' blur that counts as the photo's: edges of a face may be soft themselves."""
-EDGES = 0.01
-"""Share of the face's pixels, those of the steepest gradients, that count as edges."""
-LEAST_EDGES = 20
-"""Edges with fewer of which the blur is not known."""
-ABOVE_NOISE = 6.0
-"""Gradients below so many times the noise's are no edges."""
 LEAST_BLUR = 0.35
 """Standard deviation of a pixel's own area and of the best lens, pixels."""
-WIDE = 1.5
-"""Blur, pixels, from which on it is measured at half the size."""
 UNKNOWN_BLUR = 2.0
 """Where there are too few edges to tell."""
 LEAST_LEFT = 0.1
@@ -89,14 +79,19 @@ def measure_sharpness(face: UInt8, steps: Float32 | None = None) -> Sharpness:
     softer = _gradient(blurred(grey, SECOND_BLUR))
     # Ridges of the gradient: beside them the second blur brings in what the first had not.
     peak = softer >= np.asarray(cv2.dilate(softer, np.ones((3, 3), np.uint8)))
-    least = max(float(np.quantile(softer, 1 - EDGES)), ABOVE_NOISE * noise * 0.2)
+    # 0.01: share of the face's pixels, those of the steepest gradients, that count as edges.
+    # 6.0: gradients below so many times the noise's are no edges.
+    least = max(float(np.quantile(softer, 1 - 0.01)), 6.0 * noise * 0.2)
     chosen = peak & (softer >= least)
-    if int(chosen.sum()) < LEAST_EDGES:
+    # Edges with fewer of which the blur is not known.
+    if int(chosen.sum()) < 20:
         return Sharpness(UNKNOWN_BLUR, noise, steps)
     ratio = steep[chosen] / np.maximum(softer[chosen], 1e-9)
     blur = SECOND_BLUR / np.sqrt(np.maximum(ratio**2 - 1, 1e-3))
-    found = max(float(np.quantile(blur, SHARPEST)), LEAST_BLUR)
-    if found > WIDE and min(face.shape[:2]) >= 64:  # far wider than the second blur, it hardly tells: look at half size
+    # Quantile of the edges' blur that counts as the photo's: edges of a face may be soft themselves.
+    found = max(float(np.quantile(blur, 0.10)), LEAST_BLUR)
+    # Blur, pixels, from which on it is measured at half the size.
+    if found > 1.5 and min(face.shape[:2]) >= 64:  # far wider than the second blur, it hardly tells: look at half size
         half = np.asarray(cv2.resize(face, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
         coarser = measure_sharpness(half).blur
         found = found if coarser == UNKNOWN_BLUR else max(found, 2 * coarser)

@@ -147,12 +147,6 @@ def depth_map(chart: Chart, vertices: AnyFloat) -> Float32:
     return chart.fill_outside(depth)
 
 
-OPACITY = 0.5
-"""Of the shadow where hair grows densely: skin between roots shows as much again."""
-DARKER = 0.8
-"""Colour of roots over the mean of the hair's strands: no light gets between them."""
-HAIRLINE = (0.15, 0.85)
-"""Values of the scalp's soft mask between which hair begins."""
 SMOOTHNESS = 0.5
 PRIOR_TRUST = 0.01
 """Weights of the density's smoothness and of what is expected where no scalp is seen, relative to a seen texel."""
@@ -180,14 +174,17 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
         known, trust = splat(chart.corners, chart.weights, value, weight * both * zones.scalp * zones.skin, count)
         edges = laplacian(head.triangles[head.triangle_part == head.part_names.index("skin")], count)
         density = np.clip(smooth_fit(edges, known, trust, SMOOTHNESS, prior, PRIOR_TRUST), 0, 1)
-    grown = chart.inside(density.astype(np.float32))[:, 0] * smoothstep(zones.scalp, *HAIRLINE) * zones.skin
+    # Values of the scalp's soft mask between which hair begins.
+    grown = chart.inside(density.astype(np.float32))[:, 0] * smoothstep(zones.scalp, 0.15, 0.85) * zones.skin
     points = np.clip(1 + GRAIN * grain(chart, 1)[:, 0], 0, 2)
-    return np.asarray(np.clip(OPACITY * grown * points, 0, 0.95), np.float32)
+    # Of the shadow where hair grows densely: skin between roots shows as much again.
+    return np.asarray(np.clip(0.5 * grown * points, 0, 0.95), np.float32)
 
 
 def darkening(colour: Float32, shadow: Float32, hair: WornHair) -> Float32:
     """(N, 3) float32 in [0, 1], linear: what the shadow leaves of the light from sRGB skin (N, 3)."""
-    root = np.clip(hair.root_colour * np.float32(DARKER), 0, 1)
+    # Colour of roots over the mean of the hair's strands: no light gets between them.
+    root = np.clip(hair.root_colour * np.float32(0.8), 0, 1)
     skin = srgb_to_linear(colour)
     left = np.minimum(root / np.maximum(skin, np.float32(1e-3)), 1)  # pale hair never lightens
     return np.asarray(1 + shadow[:, None] * (left - 1), np.float32)
@@ -195,12 +192,6 @@ def darkening(colour: Float32, shadow: Float32, hair: WornHair) -> Float32:
 
 DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
 """Skin colour for a photo that shows no skin, sRGB."""
-
-LEAST_SCALP_TEXELS = 60
-"""Fewest texels of the scalp from which its colour is measured."""
-
-LITTLE_SEEN = 0.25
-"""Visible fraction of the face below which a warning is given."""
 
 NOT_SEGMENTED = "not-segmented"
 """Warning: no part was read off the photo, so that nothing beside the face is taken from it."""
@@ -257,7 +248,8 @@ def make_texture(
     direct, reflected, lit_map = np.moveaxis(maps, 2, 0)
     shown = np.rint(255 * np.clip(direct * lit_map + reflected * lit_map[:, ::-1], 0, 1))
     shown = chart.fill_outside(shown).astype(np.uint8)
-    doubts = {"little-seen": fraction < LITTLE_SEEN, NOT_SEGMENTED: reading is None}
+    # Visible fraction of the face below which a warning is given.
+    doubts = {"little-seen": fraction < 0.25, NOT_SEGMENTED: reading is None}
     warnings = tuple(name for name, true in doubts.items() if true)
     warnings += () if reading is None else worn_before(part, weight, zones)
     return Texture(
@@ -321,7 +313,8 @@ def _scalp_colour(unwrapped: Unwrapped, scalp: Float32, skin: Bool) -> Float32 |
     """
     for inside in (0.95, 0.7):
         chosen = (scalp > inside) & skin & (unwrapped.weight > 0.08)
-        if chosen.sum() >= LEAST_SCALP_TEXELS:
+        # Fewest texels of the scalp from which its colour is measured.
+        if chosen.sum() >= 60:
             return linear_to_srgb(np.median(srgb_to_linear(unwrapped.colour[chosen]), 0))
     return None
 

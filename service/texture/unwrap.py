@@ -42,24 +42,6 @@ from service.photo.photo import Photo
 from service.robust import smoothstep
 from service.texture.inpainting import opacity
 
-BUFFER_SIDE = 512
-"""Longer side of the head in the z-buffer, in cells of about 0.6 mm, whatever the photo's resolution."""
-
-BIAS_M = 0.0015
-"""Depth bias: a texel at most this far behind the z-buffer counts as visible; slant adds to it."""
-
-STEP_M = 0.006
-"""Difference in depth between neighbouring cells of the z-buffer that makes an occlusion edge."""
-
-OUTLINE_MARGIN_M = (0.003, 0.010)
-"""Distance from the head's outline: the weight is 0 up to the first, and not reduced from the second on.
-
-The fitted outline is off by a millimetre or two, and hair, collar or wall on a cheek is worse than an inpainted cheek.
-"""
-
-INNER_MARGIN_M = (0.0005, 0.003)
-"""The same from occlusion edges within the head (nose before cheek, lip before teeth): less, as both sides are skin."""
-
 GRAZING = (0.12, 0.35)
 """Cosine of the viewing angle below which the weight is 0, and from which on it is the cosine's square."""
 
@@ -153,7 +135,8 @@ class _Buffer:
         low = np.maximum(points[before].min(0), -size) - 2
         high = np.minimum(points[before].max(0), 2 * size) + 2
         extent = np.maximum(high - low, 1.0)
-        scale = BUFFER_SIDE / float(extent.max())
+        # Longer side of the head in the z-buffer, in cells of about 0.6 mm, whatever the photo's resolution.
+        scale = 512 / float(extent.max())
         width, height = (int(n) for n in np.ceil(extent * scale))
         raster = rasterise((points - low) * scale, z, chart.head.triangles, width, height, perspective=True)
         metres = 1.0 / (camera.focal_px * scale)
@@ -172,7 +155,8 @@ class _Buffer:
         column, row = cell.astype(int).T
         cosine = np.clip(facing, 0.15, 1.0)
         slant = np.sqrt(1 - cosine**2) / cosine
-        bias = BIAS_M + self.metres * depth * slant
+        # Depth bias: a texel at most this far behind the z-buffer counts as visible; slant adds to it.
+        bias = 0.0015 + self.metres * depth * slant
         return depth <= self.depth[row, column] + bias, self.margin[row, column].astype(np.float64)
 
 
@@ -182,9 +166,15 @@ def _margins(depth: Float32, cell: float) -> Float32:
     square = np.ones((3, 3), np.uint8)
     background = np.asarray(cv2.dilate((~np.isfinite(depth)).astype(np.uint8), square)) > 0
     drop = np.asarray(cv2.dilate(far, square)) - np.asarray(cv2.erode(far, square))
-    inner = (drop > STEP_M) & ~background
+    # Difference in depth between neighbouring cells of the z-buffer that makes an occlusion edge.
+    inner = (drop > 0.006) & ~background
     margin = np.ones(depth.shape, np.float32)
-    for edge, (none, full) in ((background, OUTLINE_MARGIN_M), (inner, INNER_MARGIN_M)):
+    # (0.003, 0.010): distance from the head's outline: the weight is 0 up to the first, and not reduced from the second
+    # on. The fitted outline is off by a millimetre or two, and hair, collar or wall on a cheek is worse than an
+    # inpainted cheek.
+    # (0.0005, 0.003): the same from occlusion edges within the head (nose before cheek, lip before teeth): less, as
+    # both sides are skin.
+    for edge, (none, full) in ((background, (0.003, 0.010)), (inner, (0.0005, 0.003))):
         if edge.any():
             distance = np.asarray(cv2.distanceTransform((~edge).astype(np.uint8), cv2.DIST_L2, 3)) * cell
             margin = np.minimum(margin, np.clip((distance - none) / (full - none), 0.0, 1.0).astype(np.float32))
@@ -234,8 +224,6 @@ SHADOW = 0.009
 """Width of the shadow of hair on the forehead, over the chart's width: 4 mm."""
 STRANDS = (0.08, 0.3)
 """The same for hair alone: single strands before the forehead would be left as streaks."""
-CERTAIN = (0.5, 0.9)
-"""The same for eyes and mouth in place of skin: the rims of lids and lips lie in cells that they share with these."""
 
 
 def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
@@ -287,7 +275,8 @@ def shows_opening(parts: Float32, zones: Zones) -> Float32:
 
     Lids and lips of the fitted head are never exactly where the photo's are: an iris on a lid would stay there.
     """
-    return np.asarray(smoothstep(parts[:, [SCLERA, IRIS, MOUTH]].sum(1), *CERTAIN) * zones.skin, np.float32)
+    # The same for eyes and mouth in place of skin: the rims of lids and lips lie in cells that they share with these.
+    return np.asarray(smoothstep(parts[:, [SCLERA, IRIS, MOUTH]].sum(1), 0.5, 0.9) * zones.skin, np.float32)
 
 
 def grown(chart: Chart, hidden: Float32) -> Float32:
@@ -305,9 +294,6 @@ SURFACE = (SKIN, BROW, BEARD, LIP)
 
 SURE = 0.9
 """Least probability of skin or beard at which neck and ears are taken from the photo."""
-
-COVERED = 0.2
-"""Share of the face from which on a hat, a mask or a hand before it is worth a warning."""
 
 FRAME = (0.1, 0.07)
 """Probability of glasses, and share of the face with more, from which on glasses are worn: 0.12 and 0.15 on two photos
@@ -368,8 +354,9 @@ def worn_before(parts: Float32, weight: Float32, zones: Zones) -> tuple[str, ...
     face = parts[(weight > 0.25) & (zones.face > 0.5) & zones.skin]
     if not len(face):
         return ()
+    # Share of the face from which on a hat, a mask or a hand before it is worth a warning.
     worn = {
         "glasses-removed": wears_glasses(parts, weight, zones),
-        "face-covered": (smoothstep(face[:, [HAT, CLOTH, OTHER]].sum(1), *RAMP) > 0.5).mean() > COVERED,
+        "face-covered": (smoothstep(face[:, [HAT, CLOTH, OTHER]].sum(1), *RAMP) > 0.5).mean() > 0.2,
     }
     return tuple(name for name, true in worn.items() if true)

@@ -63,9 +63,6 @@ def likely_iris(albedo: Float32) -> Float32:
     return np.asarray(np.maximum(linear / np.float32(excess), DARKEST_IRIS), np.float32)
 
 
-BELOW = 1.2
-"""Distance from the lid opening to the skin below it, in opening heights."""
-
 LEAST_SAMPLES = 12
 """Fewest pixels from which a colour is measured."""
 
@@ -80,14 +77,6 @@ ones."""
 
 RESOLVED = (6.0, 10.0)
 """Radius of an iris in pixels from which on the photo begins to resolve its pupil, and resolves it fully."""
-
-MOST_MIRRORED = 0.7
-"""Largest share of an iris's light that counts as mirrored by the cornea, so that the darkest iris keeps a colour."""
-
-LIKE_SKIN = 0.35
-"""What is measured as an iris is a lid from this likeness to the skin below the eye on: its luminance over the skin's,
-times the square of its red over blue over the skin's. Irises of photos have 0.01 to 0.2, blue ones beside dark skin
-too; lids 0.45 and more."""
 
 
 def eye_colours(pixels: UInt8, irises: Sequence[Iris]) -> tuple[Float32 | None, Float32 | None]:
@@ -107,7 +96,8 @@ def eye_colours(pixels: UInt8, irises: Sequence[Iris]) -> tuple[Float32 | None, 
 
 def skin_below(pixels: UInt8, iris: Iris) -> Float32:
     """(n, 3) sRGB below the eye."""
-    down = np.array([0.0, BELOW * float(np.ptp(iris.rim[:, 1]))])
+    # Distance from the lid opening to the skin below it, in opening heights.
+    down = np.array([0.0, 1.2 * float(np.ptp(iris.rim[:, 1]))])
     return inside_rim(pixels, iris.rim + down, 0.0)[0]
 
 
@@ -132,14 +122,18 @@ def _iris(colour: Float32, distance: Float32, radius: float, skin: Float32) -> F
     if len(skin) >= LEAST_SAMPLES and _is_lid(shown, np.median(srgb_to_linear(skin), axis=0)):
         return None
     mirrored = np.float32(_mirrored(colour[distance < PUPIL_TO], radius))
-    return np.asarray(shown - np.minimum(mirrored, np.float32(MOST_MIRRORED) * shown), np.float32)
+    # Largest share of an iris's light that counts as mirrored by the cornea, so that the darkest iris keeps a colour.
+    return np.asarray(shown - np.minimum(mirrored, np.float32(0.7) * shown), np.float32)
 
 
 def _is_lid(shown: Float32, skin: Float32) -> bool:
     """Whether a linear colour (3,) is too similar to that of the skin (3,) below the eye to be an iris."""
     brightness = float(luma(shown)) / max(float(luma(skin)), 1e-6)
     redness = [float(c[0] + 1e-4) / float(c[2] + 1e-4) for c in (shown, skin)]
-    return brightness * (redness[0] / redness[1]) ** 2 > LIKE_SKIN
+    # What is measured as an iris is a lid from this likeness to the skin below the eye on: its luminance over the
+    # skin's, times the square of its red over blue over the skin's. Irises of photos have 0.01 to 0.2, blue ones beside
+    # dark skin too; lids 0.45 and more.
+    return brightness * (redness[0] / redness[1]) ** 2 > 0.35
 
 
 def _mirrored(pupil: Float32, radius: float) -> float:
@@ -199,19 +193,12 @@ LEAST_BLUE_OF_BRIGHT, BRIGHT = 1.15, 1.2
 """The lower limit instead of ``LEAST_BLUE_OF_SCLERA`` where the sclera's luminance is at least ``BRIGHT`` times that of
 the skin below: that skin may lie in other light."""
 
-LIKELY_SKIN = 0.85
-"""Largest linear reflectance of the skin below the eye that the light of a sclera may imply which is less than
-``CLEARLY_BLUE``."""
-
 FAIREST = 1.1
 """Largest linear reflectance of the skin below the eye that the light may imply: the fairest has 0.65 in red, and the
 sclera gives the light up to a factor of 1.6. A sclera that implies more lies in deeper shade; its light is raised."""
 
 MOST_RAISED = 1.6
 """Largest factor by which it is raised; where more is missing, lashes and shadow are seen instead of the sclera."""
-
-CLIPPED = 250
-"""8-bit code from which on a pixel may be overexposed."""
 
 OVEREXPOSED = 1.0 - LIT[0]
 """Share of the sclera's pixels that are overexposed from which all of its best lit part is, and no glint."""
@@ -235,7 +222,8 @@ def sclera_light(pixels: UInt8, iris: Iris) -> Float64 | None:
     """
     colours, at = inside_rim(pixels, iris.rim, MARGIN * iris.radius)
     outside = np.linalg.norm(at - iris.centre, axis=1) > BEYOND * iris.radius
-    kept = np.asarray((colours < CLIPPED / 255).all(1))
+    # 8-bit code from which on a pixel may be overexposed.
+    kept = np.asarray((colours < 250 / 255).all(1))
     overexposed = bool(outside.any()) and float(np.mean(~kept[outside])) >= OVEREXPOSED
     colours = colours[outside & kept]
     skin = skin_below(pixels, iris)
@@ -254,7 +242,9 @@ def sclera_light(pixels: UInt8, iris: Iris) -> Float64 | None:
     implied = float((typical * BEST_LIT / light).max())
     brightness = float(luma(sclera) / max(float(luma(typical)), 1e-6))
     least = LEAST_BLUE_OF_BRIGHT if brightness >= BRIGHT else LEAST_BLUE_OF_SCLERA
-    if blue < least or (blue < CLEARLY_BLUE and implied > LIKELY_SKIN) or implied > FAIREST * MOST_RAISED:
+    # Largest linear reflectance of the skin below the eye that the light of a sclera may imply which is less than
+    # ``CLEARLY_BLUE``.
+    if blue < least or (blue < CLEARLY_BLUE and implied > 0.85) or implied > FAIREST * MOST_RAISED:
         return None
     return light * (max(1.0, implied / FAIREST) * BETWEEN_LIDS / BEST_LIT)
 
@@ -266,8 +256,6 @@ def _blue_over_red(linear: AnyFloat) -> Float64:
 
 CHEEKS = (50, 280)
 """Landmarks in the middle of the cheeks."""
-CHEEK_RADIUS = 0.12
-"""Radius of the sample on each cheek, over the inter-ocular distance."""
 REDDER, SAME_HUE = 2.0, 1.3
 """Factors by which the ratio of blue to red may be below that of the least red measurement: to be sclera or tooth at
 all (1.5 in the shade of a lamp from one side; lids have 1.4 to 2.5), and to contribute to the hue."""
@@ -311,7 +299,8 @@ def palest(lights: Float64) -> Float64:
 def cheek_colour(pixels: UInt8, landmarks: AnyFloat, inter_ocular_px: float) -> Float32 | None:
     """(3,) median sRGB colour in [0, 1] of the cheeks; None where the photo shows neither."""
     height, width = pixels.shape[:2]
-    radius, found = CHEEK_RADIUS * inter_ocular_px, []
+    # Radius of the sample on each cheek, over the inter-ocular distance.
+    radius, found = 0.12 * inter_ocular_px, []
     for x, y in np.asarray(landmarks, np.float64)[list(CHEEKS), :2]:
         if not np.isfinite([x, y, radius]).all():
             continue

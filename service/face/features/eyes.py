@@ -192,10 +192,6 @@ def _keep_lids(head: HeadModel, side: str, before: Float64, after: Float64) -> N
     after[units] = np.clip(before[units] + solved.x, 0.0, 1.0)
 
 
-FITTED = (0.08, 0.92)
-"""Part of the way from the outer corner to the inner over which lids are fitted: there the model's eyes are open;
-people's openings are a little longer."""
-
 LASH_ROOTS = 0.007
 """Height of the landmark network's upper rim, which lies on the roots of the lashes, above the opening, as a share of
 the eye's length."""
@@ -245,7 +241,9 @@ def lid_on_rim(
     ``placed``: the eye lies where it should.
     """
     edges = lid_edges(head, side)
-    rim = Rim.of(np.asarray(landmarks, np.float64)[list(RIMS[side]), :2], camera.rotation[:2, 1], FITTED)
+    # Part of the way from the outer corner to the inner over which lids are fitted: there the model's eyes are open;
+    # people's openings are a little longer.
+    rim = Rim.of(np.asarray(landmarks, np.float64)[list(RIMS[side]), :2], camera.rotation[:2, 1], (0.08, 0.92))
     if edges is None or rim is None:
         return None, Followed(np.array(expression, np.float64))
     names, start = {f"{unit}{side.capitalize()}" for unit in LID_UNITS}, np.array(expression, np.float64)

@@ -31,9 +31,6 @@ RADIUS_PX = 12
 HALF = 4 * RADIUS_PX
 """Half the side of that patch, pixels."""
 
-LEAST_IRIS_PX = 2.0
-"""Radius in photo pixels below which an iris cannot be told from lashes."""
-
 CONTRAST_RING = (1.1, 1.6)
 """Inner and outer radius of the ring that the disc is compared with, in iris radii."""
 
@@ -141,7 +138,8 @@ def search(pixels: UInt8, rim: Float64, radius_px: float) -> Search | None:
     """
     import cv2
 
-    if not np.isfinite(rim).all() or not radius_px >= LEAST_IRIS_PX:
+    # Radius in photo pixels below which an iris cannot be told from lashes.
+    if not np.isfinite(rim).all() or not radius_px >= 2.0:
         return None
     scale = RADIUS_PX / radius_px
     middle = 0.5 * (rim.min(0) + rim.max(0))
@@ -213,17 +211,8 @@ APART, BAND = 0.04, 0.14
 """The luminance on either side of a circle is the mean from the first to the second distance from it."""
 OFFSETS = (-0.12, -0.06, 0.0, 0.06, 0.12)
 """Places of the pupil's centre that are tried, across and down, in iris radii: it lies a little off the iris's."""
-LEAST_SEEN = 0.4
-"""Share of a circle that has to lie between the lids."""
 DARKEST = 0.002
 """Linear luminance below which differences are noise."""
-FLOOR = 0.25
-"""What is added to luminances, as a share of their median, before those on the two sides of circles are divided: by
-ratios alone a blurred edge lies within the pupil, by differences a faint one is lost beside brightness."""
-LEAST_RISE = 0.5
-"""Smallest difference of the logarithm of luminance on the two sides of a pupil's edge."""
-MOST_APART = 0.12
-"""Largest difference between a person's two pupils, in iris radii; more, and at least one of them is a mistake."""
 
 
 def pupil_radius(pixels: UInt8, irises: Sequence[Iris]) -> float | None:
@@ -234,7 +223,8 @@ def pupil_radius(pixels: UInt8, irises: Sequence[Iris]) -> float | None:
         irises: those that were found in it.
     """
     found = [share for iris in irises if (share := _share(pixels, iris)) is not None]
-    if len(found) < 2 or max(found) - min(found) > MOST_APART:
+    # Largest difference between a person's two pupils, in iris radii; more, and at least one of them is a mistake.
+    if len(found) < 2 or max(found) - min(found) > 0.12:
         return None
     return IRIS_RADIUS_M * float(np.mean(found))
 
@@ -250,11 +240,14 @@ def _share(pixels: UInt8, iris: Iris) -> float | None:
     count = last - first + 1
     means = np.stack([profile[:, k : k + count].mean(1) for k in range(len(radii) - count + 1)], 1)
     within, beyond = means[:, : -last - first], means[:, last + first :]
-    floor = max(FLOOR * float(np.nanmedian(profile)), DARKEST) if np.isfinite(profile).any() else 1.0
+    # What is added to luminances, as a share of their median, before those on the two sides of circles are divided: by
+    # ratios alone a blurred edge lies within the pupil, by differences a faint one is lost beside brightness.
+    floor = max(0.25 * float(np.nanmedian(profile)), DARKEST) if np.isfinite(profile).any() else 1.0
     rise = np.nan_to_num(np.log((beyond + floor) / (within + floor)), nan=-np.inf)
     best = np.unravel_index(int(np.argmax(rise)), rise.shape)
     contrast = np.log((beyond[best] + DARKEST) / (within[best] + DARKEST))
-    if best[1] in (0, rise.shape[1] - 1) or not contrast >= LEAST_RISE:
+    # Smallest difference of the logarithm of luminance on the two sides of a pupil's edge.
+    if best[1] in (0, rise.shape[1] - 1) or not contrast >= 0.5:
         return None
     return float(SHARES[0] + STEP * int(best[1]))
 
@@ -282,7 +275,8 @@ def _profiles(pixels: UInt8, iris: Iris, offsets: Float64, radii: Float64) -> Fl
     x, y = (np.asarray((at[..., k] - corner[k] - 0.5).reshape(-1, AZIMUTHS), np.float32) for k in (0, 1))
     read, depth = (np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR)) for image in (levels, np.asarray(deep)))
     seen = depth > MARGIN * iris.radius
-    enough = seen.mean(1) >= LEAST_SEEN
+    # Share of a circle that has to lie between the lids.
+    enough = seen.mean(1) >= 0.4
     middle = np.full(len(read), np.nan)
     middle[enough] = np.nanmedian(np.where(seen[enough], read[enough], np.nan), axis=1)
     return middle.reshape(len(offsets), len(radii))

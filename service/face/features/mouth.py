@@ -37,15 +37,6 @@ OPENERS = {"mouthFunnel", "tongueOut"} | {
 SHIFTERS = UNITS - OPENERS - {"mouthClose"}
 """Units that move sealed lips without parting them."""
 
-FITTED = (0.04, 0.96)
-"""Part of the way from corner to corner over which the lips are fitted."""
-
-LEFT_OPEN = 0.02
-"""Gap that the landmark network leaves between closed lips, as a share of the mouth's width."""
-
-CLOSED = 0.085
-"""Gap, as a share of the width, below which a mouth that shows no teeth is closed."""
-
 SHUT = 0.03
 """The same of a rim that lies on the edges of the lips, teeth or not: what the network is off by on shut mouths."""
 
@@ -71,12 +62,15 @@ def lips_on_rim(
         teeth_seen: whether the photo shows teeth in it.
         exact: whether the rim lies on the edges of the lips, as the landmark network's does not.
     """
-    edges, rim = lip_edges(head), Rim.of(np.asarray(rim_points, np.float64), camera.rotation[:2, 1], FITTED)
+    # Part of the way from corner to corner over which the lips are fitted.
+    edges, rim = lip_edges(head), Rim.of(np.asarray(rim_points, np.float64), camera.rotation[:2, 1], (0.04, 0.96))
     if edges is None or rim is None or not -camera.rotation[2, 2] >= LEAST_FACING:
         return np.array(expression, np.float64)
     gap = float(np.median(np.interp(rim.lower[:, 0], *rim.upper.T) - rim.lower[:, 1])) / rim.length
-    closed = gap < SHUT if exact else gap < CLOSED and not teeth_seen
-    extra = 0.0 if exact else LEFT_OPEN
+    # Gap, as a share of the width, below which a mouth that shows no teeth is closed.
+    closed = gap < SHUT if exact else gap < 0.085 and not teeth_seen
+    # Gap that the landmark network leaves between closed lips, as a share of the mouth's width.
+    extra = 0.0 if exact else 0.02
     start = np.array(expression, np.float64)
     if closed:
         rim, units, start = rim.narrower(rim.length), SHIFTERS, sealed(head, start)
@@ -112,13 +106,6 @@ LEAST_PIXELS, LEAST_SHARE = 24, 0.08
 LEAST_LUMA = 0.55
 """Smallest luma of teeth over the skin's."""
 
-LEAST_RATIO = (1.25, 1.3)
-"""Smallest green over red and blue over red of teeth, each divided by the skin's, which cancels the colour of the
-light. By their reflectances it is 1.4 and more; of lips and tongue below 1."""
-
-MOST_REDNESS = 0.75
-"""Largest redness of teeth over the skin's."""
-
 CLIPPED = 252 / 255
 """sRGB value from which on a colour may be overexposed."""
 
@@ -143,7 +130,8 @@ def measure_teeth(pixels: UInt8, rim: AnyFloat, skin: npt.ArrayLike) -> Float32 
 
 def toothlike(colour: Float32, skin: Float32) -> Float32:
     """(n,) in [0, 1]: 1 where sRGB colours (n, 3) are clearly less red than the skin (3,), as teeth are, not lips."""
-    limit = MOST_REDNESS * float(_redness(skin))
+    # Largest redness of teeth over the skin's.
+    limit = 0.75 * float(_redness(skin))
     return np.asarray(np.clip((limit - _redness(colour)) / 0.05 + 1, 0, 1), np.float32)
 
 
@@ -167,7 +155,9 @@ def teeth_light(tooth: Float32, skin: npt.ArrayLike) -> Float64 | None:
         return None
     shown, typical = (srgb_to_linear(np.asarray(c, np.float32)).astype(np.float64) + 1e-4 for c in (tooth, skin))
     ratio = (shown[1:] / shown[0]) / (typical[1:] / typical[0])
-    return np.asarray(shown / TOOTH.astype(np.float64)) if (ratio >= LEAST_RATIO).all() else None
+    # Smallest green over red and blue over red of teeth, each divided by the skin's, which cancels the colour of the
+    # light. By their reflectances it is 1.4 and more; of lips and tongue below 1.
+    return np.asarray(shown / TOOTH.astype(np.float64)) if (ratio >= (1.25, 1.3)).all() else None
 
 
 ROW = "teeth_upper"
@@ -181,12 +171,6 @@ LEAST_PX = 3.0
 
 GAP_M, LEAST_TOOTH_M = 0.0006, 0.002
 """Largest height of a gap (a glint, noise) that does not end a tooth, and smallest height of a tooth."""
-
-TALLEST_M = 0.012
-"""Height of an upper incisor that is seen up to the gum: what is taller is both rows of teeth meeting."""
-
-LEAST_PLACES = 6
-"""Fewest places at which the edge has to be found."""
 
 MOST_DROP_M = 0.004
 """Largest drop: with more the row would penetrate the lower lip of a closed mouth."""
@@ -224,7 +208,8 @@ def teeth_drop(
         seen = _edge(pixels, rim, one, scale, skin)
         if near.any() and seen is not None:
             drops.append((float(height[near].min()) - seen) / scale)
-    if len(drops) < LEAST_PLACES:
+    # Fewest places at which the edge has to be found.
+    if len(drops) < 6:
         return 0.0
     return float(np.clip(np.median(drops), 0.0, MOST_DROP_M))
 
@@ -250,6 +235,7 @@ def _edge(pixels: UInt8, rim: Rim, place: float, scale: float, skin: Float32) ->
     breaks = np.flatnonzero(np.diff(run) * 0.5 > GAP_M * scale)
     last = first + int(run[breaks[0]] if len(breaks) else run[-1])
     tall = float(heights[first] - heights[last])
-    if not max(LEAST_PX, LEAST_TOOTH_M * scale) <= tall <= TALLEST_M * scale:
+    # Height of an upper incisor that is seen up to the gum: what is taller is both rows of teeth meeting.
+    if not max(LEAST_PX, LEAST_TOOTH_M * scale) <= tall <= 0.012 * scale:
         return None
     return float(heights[last])

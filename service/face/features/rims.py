@@ -42,9 +42,6 @@ PLACES = 9
 """Places along a rim at which the edges are fitted to it, those in the middle with more weight than those beside the
 corners, where lids turn over into each other."""
 
-FEWEST_PLACES = 5
-"""Fewest of them that an edge has to reach."""
-
 ROUNDS = 4
 """Least-squares steps: which row of vertices bounds the opening, and its place along the rim, may change in each."""
 
@@ -165,7 +162,8 @@ class Edge:
             away.append(np.where(beyond, np.inf, 0.0))
         every, hidden = np.array(found), np.array(away)
         reached = np.isfinite(hidden).any(0)
-        if reached.sum() < FEWEST_PLACES:
+        # Fewest of them that an edge has to reach.
+        if reached.sum() < 5:
             return None
         bounding = np.argmin(outwards * every[:, 0] + hidden, 0)
         height, scale, *slope = every[bounding, :, np.arange(len(rim.places))].T

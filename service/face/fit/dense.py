@@ -24,10 +24,6 @@ from service.geometry.mesh import area_normals, cross
 from service.head.model import HeadModel
 from service.robust import geman_mcclure
 
-LOOKUP = (768, 512)
-"""Texels in which the triangle of a chart coordinate is looked up; the place in it is exact."""
-LEAST_SHARE = 0.6
-"""Least probability of the parts whose chart coordinates are learnt, from which a cell is used."""
 POINT_SHARE, NORMAL_SHARE = 0.04, 0.01
 """Weight of one cell beside its stated uncertainty: errors of neighbours are alike."""
 FLOOR_MM, FLOOR_SINE = 0.7, 0.05
@@ -69,7 +65,8 @@ def correspondences(head: HeadModel, reading: Reading, state: State, middle: Flo
     share = reading.parts[..., list(READ)].sum(-1).astype(np.float32)
     share = np.asarray(cv2.resize(share, (CELLS, CELLS), interpolation=cv2.INTER_AREA), np.float64)
     uv = reading.chart
-    usable = (share > LEAST_SHARE) & np.isfinite(uv).all(-1) & ((uv > 0) & (uv < 1)).all(-1)
+    # Least probability of the parts whose chart coordinates are learnt, from which a cell is used.
+    usable = (share > 0.6) & np.isfinite(uv).all(-1) & ((uv > 0) & (uv < 1)).all(-1)
     usable &= np.isfinite(reading.chart_mm) & np.isfinite(reading.normal).all(-1) & np.isfinite(reading.normal_sine)
     triangle, weights = _places(head, uv[usable])
     there = triangle >= 0
@@ -84,7 +81,8 @@ def correspondences(head: HeadModel, reading: Reading, state: State, middle: Flo
 
 def _places(head: HeadModel, uv: Float64) -> tuple[npt.NDArray[np.int64], Float64]:
     """(N,) skin triangle that holds each chart coordinate (N, 2), -1 where none does, and (N, 3) its weights there."""
-    width, height = LOOKUP
+    # Texels in which the triangle of a chart coordinate is looked up; the place in it is exact.
+    width, height = (768, 512)
     chart = Chart.build(head, width, height)
     column = np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
     row = np.clip(((1.0 - uv[:, 1]) * height).astype(int), 0, height - 1)

@@ -51,15 +51,10 @@ REACH_M = (0.008, 0.004)
 """Half length of the outline's search lines in each round, metres on the face."""
 STEPS = 4
 """Solver steps of each round."""
-PROFILE_DEG = (68.0, 52.0)
-"""Yaw from which on landmarks and the normals that were read are not followed where places were read, and up to which
-they are: the landmark network draws the hidden half of profiles, and both turn these some degrees to the camera."""
 HARDLY = 0.02
 """Least weight of what is still followed."""
 MORE_FORM = 2
 """Modes of free form where there are several photos, over those of one: what they have in common tells more of them."""
-STEREO_ROUNDS = 5
-"""Further rounds, of several photos, with the spots that these have in common."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +111,8 @@ def _refined(
     dense = [None if sight.found is None else DenseTerms(head, sight.found) for sight in sights]
     soft = [Softened.around(*photo, state, vertices_at(state)) for photo, state in zip(photos, states, strict=True)]
     contour, (lower, upper) = OutlineFinder(head), bounds(model)
-    rounds = REACH_M if len(sights) == 1 else (*REACH_M, *(REACH_M[-1:] * STEREO_ROUNDS))
+    # Further rounds, of several photos, with the spots that these have in common.
+    rounds = REACH_M if len(sights) == 1 else (*REACH_M, *(REACH_M[-1:] * 5))
     for round_, reach in enumerate(rounds):
         shapes = [vertices_at(state) for state in states]
         spots: list[list[PointTerm]] = [[] for _ in sights]
@@ -128,7 +124,10 @@ def _refined(
             points = weigh_landmarks(state, model.at_yaw(state.yaw_deg), sight.observed, ANNEAL[-1])[1]
             own: list[Term] = [points, priors[k]]
             if read is not None:
-                squarely = max(float(smoothstep(np.array(abs(state.yaw_deg)), *PROFILE_DEG)), HARDLY)
+                # Yaw from which on landmarks and the normals that were read are not followed where places were read,
+                # and up to which they are: the landmark network draws the hidden half of profiles, and both turn these
+                # some degrees to the camera.
+                squarely = max(float(smoothstep(np.array(abs(state.yaw_deg)), 68.0, 52.0)), HARDLY)
                 own[0] = replace(points, precision=points.precision * squarely)
                 own.append(read.points(state))
                 own += [read.normals(state, shape)] if normals and squarely > HARDLY else []
@@ -144,28 +143,16 @@ def _refined(
     ]
 
 
-UNKNOWN_FOCAL = 1.2
-"""Mean of the prior on the focal length without EXIF, over the photo's longer side: between phone and portrait crop."""
 UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA = 1.0, 0.35
 """Standard deviations of the logarithms of focal length and distance without EXIF; the distance is known better."""
 EXIF_FOCAL_SIGMA, EXIF_DISTANCE_SIGMA = 0.1, 0.8
 """The same with EXIF: crops and digital zoom change the effective focal length, so it is trusted to about 10 %."""
-FILM_DIAGONAL_MM = 43.27
-"""Diagonal of the 35 mm frame to which EXIF's equivalent focal length refers."""
-DISTRUST_RMS = 0.06
-"""Landmark rms over the inter-ocular distance above which a fit gets the warning ``low-confidence``."""
 FAIL_RMS = 0.25
 """Landmark rms over the inter-ocular distance above which the fit fails."""
 WIDE_YAW_DEG = 60.0
 """Yaw in degrees above which a fit gets the warning ``extreme-pose``."""
-ONE_CAMERA_SIGMA = 0.02
-"""The same where several photos have one camera, about their mean."""
 FEWEST_LANDMARKS = 30
 """Fewest finite landmarks that a fit needs."""
-FEWEST_CELLS = 150
-"""Fewest cells with a place on the head from which a reading is followed."""
-LEAST_AGREEMENT = 0.3
-"""Least share of them that has to agree with the landmark fit: below it, reader and landmarks see different faces."""
 
 
 def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings, scores: Scores | None = None) -> Prior:
@@ -174,10 +161,12 @@ def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings, scores:
     Units of the expression have the mean that their scores say. Less scatter about it than without scores made the
     shape of rendered heads at rest worse: the scores are seldom 0 on a face at rest.
     """
-    focal = UNKNOWN_FOCAL * max(photo.size)
+    # Mean of the prior on the focal length without EXIF, over the photo's longer side: between phone and portrait crop.
+    focal = 1.2 * max(photo.size)
     focal_sigma, distance_sigma = UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA
     if photo.focal_35mm:
-        focal = photo.focal_35mm * float(np.hypot(*photo.size)) / FILM_DIAGONAL_MM
+        # Diagonal of the 35 mm frame to which EXIF's equivalent focal length refers.
+        focal = photo.focal_35mm * float(np.hypot(*photo.size)) / 43.27
         focal_sigma, distance_sigma = EXIF_FOCAL_SIGMA, EXIF_DISTANCE_SIGMA
     precision = np.full(model.shape_count, settings.identity_prior)
     precision[model.identity_count :] = settings.expression_prior**-2
@@ -270,7 +259,8 @@ def _of_one_camera(views: Sequence[View], priors: Sequence[Prior], fits: Sequenc
             states = [fits[index].state for index in members]
             mean = float(np.mean([state.log_scale + state.log_distance for state in states]))
             for index in members:
-                own[index] = replace(own[index], log_focal=mean, log_focal_sigma=ONE_CAMERA_SIGMA)
+                # The same where several photos have one camera, about their mean.
+                own[index] = replace(own[index], log_focal=mean, log_focal_sigma=0.02)
     return own
 
 
@@ -285,7 +275,10 @@ def _understood(head: HeadModel, model: LandmarkModel, view: View, initial: Land
         return None
     found = correspondences(head, view.reading, initial.state, middle_of(view.photo))
     vertices = head.shape(*np.split(initial.state.coefficients, [model.identity_count]))
-    agrees = len(found.pixels) >= FEWEST_CELLS and reading_agreement(found, initial.state, vertices) >= LEAST_AGREEMENT
+    # 150: fewest cells with a place on the head from which a reading is followed.
+    # 0.3: least share of them that has to agree with the landmark fit: below it, reader and landmarks see different
+    # faces.
+    agrees = len(found.pixels) >= 150 and reading_agreement(found, initial.state, vertices) >= 0.3
     return found if agrees else None
 
 
@@ -358,7 +351,8 @@ def _result(index: int, view: View, head: HeadModel, neutral: Float32, found: La
     yaw = abs(camera.yaw_pitch_roll_deg()[0])
     if yaw > WIDE_YAW_DEG:
         warnings.append("extreme-pose")
-    doubted = rms > DISTRUST_RMS * inter_ocular or float((weight > 0.05).mean()) < 0.3
+    # Landmark rms over the inter-ocular distance above which a fit gets the warning ``low-confidence``.
+    doubted = rms > 0.06 * inter_ocular or float((weight > 0.05).mean()) < 0.3
     if doubted or yaw > 75 or "landmarks-read" in face.warnings:
         warnings.append("low-confidence")
     if gaze is not None and not gaze.irises:

@@ -122,8 +122,6 @@ ASYMMETRIC = 0.12
 """Share of the variance that differs between left and right."""
 RIGID = ("eye_left", "eye_right", "teeth_upper", "teeth_lower", "tongue")
 """Parts that move as one piece, where the head has them."""
-HANDLES = 260
-"""Points of half the face on which the process is decomposed."""
 
 
 def process_places(head: HeadModel) -> Float64:
@@ -152,7 +150,8 @@ def modes(head: HeadModel, count: int) -> Float32:
     points = process_places(head)
     flip = np.array([-1.0, 1.0, 1.0])
     face = np.flatnonzero((head.region("face") > 0.5) & (head.mean[:, 0] >= 0.0))
-    handles = points[_spread(points, face, HANDLES)]
+    # Points of half the face on which the process is decomposed.
+    handles = points[_spread(points, face, 260)]
     fields: list[tuple[float, Float64, int, float]] = []
     for sign in (1.0, -1.0):
         direct = kernel(handles, handles) + sign * kernel(handles, handles * flip)
@@ -194,14 +193,8 @@ def extended(head: HeadModel, components: int, beyond: int) -> HeadModel:
     return replace(head, identity=np.concatenate([head.identity[:components], *further]))
 
 
-DISTANCE_M = (0.15, 20.0)
-"""Bounds of the camera's distance, metres; they also stop a focal length that diverges."""
 IDENTITY_BOX = 4.0
 """Bound of the magnitude of identity coefficients, standard deviations."""
-DETECTOR_SIGMA_M = 0.0016
-"""Scatter of a landmark on real photos in addition to that on rendered heads, metres on the face."""
-EFFECTIVE_SHARE = 0.5
-"""Effective over actual number of landmarks: errors of neighbours are correlated."""
 ANNEAL = (6.0, 6.0, 4.0, 3.0, 2.5)
 """Geman-McClure scale in standard deviations of each round; the first round moves the pose alone."""
 GRAZING = 0.1
@@ -274,7 +267,8 @@ def bounds(model: LandmarkModel) -> tuple[Float64, Float64]:
     """(n,) lower and upper bounds of the unknowns."""
     upper = np.full(POSE + model.shape_count, np.inf)
     lower = -upper
-    lower[6], upper[6] = np.log(DISTANCE_M)
+    # Bounds of the camera's distance, metres; they also stop a focal length that diverges.
+    lower[6], upper[6] = np.log((0.15, 20.0))
     split = POSE + model.identity_count
     lower[POSE:split], upper[POSE:split] = -IDENTITY_BOX, IDENTITY_BOX
     lower[split:], upper[split:] = 0.0, 1.0
@@ -286,12 +280,14 @@ def weigh_landmarks(state: State, basis: LandmarkBasis, seen: Observed, c: float
     points = basis.points(state.coefficients)
     projection = project_points(state, points)
     residual = np.linalg.norm(projection.uv - seen.pixels, axis=1)
-    sigma = state.scale * np.hypot(basis.sigma, DETECTOR_SIGMA_M)
+    # Scatter of a landmark on real photos in addition to that on rendered heads, metres on the face.
+    sigma = state.scale * np.hypot(basis.sigma, 0.0016)
     # Where all landmarks are off by more than expected (blur, sketches), the scale of the weights follows.
     typical = float(np.median(residual[seen.trust > 0])) if (seen.trust > 0).any() else 0.0
     robust = geman_mcclure(residual, c * np.maximum(np.maximum(sigma, 0.5 * typical), 1e-12))
     weight = seen.trust * robust * facing(basis.normals, projection.position, state.rotation)
-    precision = EFFECTIVE_SHARE * weight / np.maximum(sigma, 1e-9) ** 2
+    # Effective over actual number of landmarks: errors of neighbours are correlated.
+    precision = 0.5 * weight / np.maximum(sigma, 1e-9) ** 2
     return weight, PointTerm(basis.mean, basis.modes, seen.pixels, precision)
 
 

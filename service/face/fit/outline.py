@@ -24,10 +24,6 @@ from service.robust import geman_mcclure
 
 BLUR_M = 0.0012
 """Standard deviation of the photo's blur before edges are searched and skin is sampled, metres on the face."""
-MOST_BLUR = 50.0
-"""Largest standard deviation, photo pixels."""
-PIXELS_IN_BLUR = 4.0
-"""A standard deviation keeps at least so many pixels."""
 AROUND = 0.3
 """Border around the head over its size: as far as a fit may move it, and more than the edges' search lines reach."""
 
@@ -57,8 +53,10 @@ class Softened:
         """
         import cv2
 
-        sigma = min(sigma_px, MOST_BLUR)
-        times = max(int(sigma / PIXELS_IN_BLUR), 1)
+        # Largest standard deviation, photo pixels.
+        sigma = min(sigma_px, 50.0)
+        # A standard deviation keeps at least so many pixels.
+        times = max(int(sigma / 4.0), 1)
         border = AROUND * float(np.ptp(head, axis=0).max()) + 4 * sigma
         whole = np.array(pixels.shape[1::-1])
         low = np.clip((head.min(0) - border) // times * times, 0, whole - 1).astype(int)
@@ -124,12 +122,6 @@ def light_on_face(head: HeadModel, state: State, vertices: Float64, pixels: UInt
 
 SAMPLES = 25
 """Samples along each search line, odd."""
-SIGMA_M = 0.0008
-"""Standard deviation of the distance from the contour to its edge, metres on the face."""
-CONTRAST = 0.04
-"""Edge strength (norm of the sRGB difference, components in [0, 1]) at which an edge gets half weight."""
-_INDEPENDENT = 0.1
-"""Weight of one contour point: neighbours see the same edge."""
 
 
 @dataclass(frozen=True)
@@ -216,8 +208,10 @@ class OutlineFinder:
         score = step * np.exp(-0.5 * (inner / (0.5 * reach_m * state.scale)) ** 2)
         best = score.argmax(1)
         strength, shift = step[np.arange(len(best)), best], inner[best]
-        contrast = strength**2 / (strength**2 + CONTRAST**2)
-        sigma = SIGMA_M * state.scale
+        # Edge strength (norm of the sRGB difference, components in [0, 1]) at which an edge gets half weight.
+        contrast = strength**2 / (strength**2 + 0.04**2)
+        # Standard deviation of the distance from the contour to its edge, metres on the face.
+        sigma = 0.0008 * state.scale
         weight = contrast * geman_mcclure(shift, 3.0 * sigma)
         if not (weight > 0.01).any():
             return None
@@ -225,4 +219,5 @@ class OutlineFinder:
         modes = np.concatenate([head.identity[:, ends].mean(2), head.expression[:, ends].mean(2)]).astype(np.float64)
         mean = head.mean[ends].mean(1).astype(np.float64)
         target = outline.uv + shift[:, None] * outline.normal
-        return PointTerm(mean, modes, target, _INDEPENDENT * weight / max(sigma, 1e-9) ** 2, outline.normal)
+        # Weight of one contour point: neighbours see the same edge.
+        return PointTerm(mean, modes, target, 0.1 * weight / max(sigma, 1e-9) ** 2, outline.normal)

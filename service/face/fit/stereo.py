@@ -28,34 +28,14 @@ from service.robust import geman_mcclure
 
 CELL_M = 0.0007
 """Side of a pixel of the pictures that are compared, metres on the face."""
-MOST_CELLS = 420
-"""Longer side of such a picture."""
 SURROUNDINGS = 5.0
 """Standard deviation, cells, of what mean and contrast are taken from, and of what is correlated."""
-FACING = 0.25
-"""Least cosine of the viewing angle in either photo."""
-BEHIND_M = 0.006
-"""How far behind the nearest surface of the other photo a spot still counts as seen there."""
 ANGLES_DEG, BEST_DEG = (8.0, 65.0), 35.0
 """Angles between two views that are compared, and the best: near ones tell no depth, far ones see other skin."""
-PARTNERS = 2
-"""Photos that each is compared with."""
-TRACKS = 600
-"""Most spots of a pair."""
-FEWEST = 20
-"""Fewest spots of a pair that are followed."""
 LEAST_NCC, FULL_NCC = 0.45, 0.8
 """Correlation of the surroundings up to which a spot does not count, and from which on it counts fully."""
-THERE_AND_BACK = 1.0
-"""Most distance, cells, between a spot and where the flow forth and back leads."""
-SIGMA_M = 0.0005
-"""Standard deviation of a spot's place, metres on the face."""
-SHARE = 1.0
-"""Weight of one spot; chosen on rendered heads."""
 GATE = 3.0
 """Standard deviations, or medians of what is off, at which a spot's say is quartered (Geman and McClure)."""
-QUIET = 0.02
-"""Contrast, in log of luminance, below which skin counts as even."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +74,8 @@ class Picture:
         high = np.minimum(np.ceil(pixels[region].max(0)) + 4, photo.shape[1::-1]).astype(int)
         if (high - low < 16).any():
             return None
-        step = max(state.scale * CELL_M, float((high - low).max()) / MOST_CELLS)
+        # Longer side of such a picture.
+        step = max(state.scale * CELL_M, float((high - low).max()) / 420)
         width, height = (max(int(n), 1) for n in (high - low) / step)
         crop = photo[low[1] : high[1], low[0] : high[0]]
         grey = np.log(luma(crop.astype(np.float32)) + np.float32(8.0))
@@ -112,7 +93,8 @@ class Picture:
         view = projection.position / np.linalg.norm(projection.position, axis=1, keepdims=True)
         facing = -(normals * view).sum(1)
         good = np.zeros((height, width), bool)
-        good[hit] = (region[corners].all(1)) & ((facing[corners] * weights).sum(1) > FACING)
+        # Least cosine of the viewing angle in either photo.
+        good[hit] = (region[corners].all(1)) & ((facing[corners] * weights).sum(1) > 0.25)
         return cls(state, middle, low.astype(np.float64), float(stretch.mean()), grey, raster, vertices, place, good)
 
     def cells(self, points: Float64) -> tuple[Float64, Float64]:
@@ -137,7 +119,8 @@ def pairs(states: Sequence[State]) -> list[tuple[int, int]]:
             and ANGLES_DEG[0] < (angle := float(np.degrees(np.arccos(np.clip(towards[one] @ towards[other], -1, 1)))))
             and angle < ANGLES_DEG[1]
         ]
-        found |= {(min(one, other), max(one, other)) for _, other in sorted(apart)[:PARTNERS]}
+        # Photos that each is compared with.
+        found |= {(min(one, other), max(one, other)) for _, other in sorted(apart)[:2]}
     return sorted(found)
 
 
@@ -167,7 +150,8 @@ def tracks(head: HeadModel, one: Picture, other: Picture) -> Tracks | None:
     cell = np.floor(at[rows, columns]).astype(int)
     inside = ((cell >= 0) & (cell < other.face.shape[::-1])).all(1)
     x, y = np.clip(cell, 0, np.array(other.face.shape[::-1]) - 1).T
-    front = depth < other.raster.depth[y, x] + BEHIND_M
+    # How far behind the nearest surface of the other photo a spot still counts as seen there.
+    front = depth < other.raster.depth[y, x] + 0.006
     seen[rows, columns] = inside & front & cv2.dilate(other.face.astype(np.uint8), np.ones((5, 5), np.uint8))[y, x] > 0
     both = seen & one.face
     if int(both.sum()) < 400:
@@ -186,14 +170,17 @@ def tracks(head: HeadModel, one: Picture, other: Picture) -> Tracks | None:
     gap = np.linalg.norm(forth + returned, axis=-1)
     matched = cv2.remap(theirs, to[..., 0], to[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     alike = _correlation(ours, np.asarray(matched, np.float32), both)
-    trust = np.clip((alike - LEAST_NCC) / (FULL_NCC - LEAST_NCC), 0, 1) * (gap < THERE_AND_BACK)
+    # Most distance, cells, between a spot and where the flow forth and back leads.
+    trust = np.clip((alike - LEAST_NCC) / (FULL_NCC - LEAST_NCC), 0, 1) * (gap < 1.0)
     lands = cv2.remap(both.astype(np.float32), to[..., 0], to[..., 1], cv2.INTER_LINEAR)
     trust = trust * both * (lands > 0.99)
-    stride = max(int(np.ceil(np.sqrt(both.sum() / TRACKS))), 1)
+    # Most spots of a pair.
+    stride = max(int(np.ceil(np.sqrt(both.sum() / 600))), 1)
     lattice = np.zeros_like(both)
     lattice[stride // 2 :: stride, stride // 2 :: stride] = True
     rows, columns = np.nonzero(lattice & (trust > 0.05))
-    if len(rows) < FEWEST:
+    # Fewest spots of a pair that are followed.
+    if len(rows) < 20:
         return None
     landed = cv2.remap(
         at.astype(np.float32), to[..., 0], to[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
@@ -213,7 +200,8 @@ def _even(grey: Float32, inside: Bool) -> Float32:
     mean = blurred(grey * weight, SURROUNDINGS) / near
     rest = (grey - mean) * weight
     spread = np.sqrt(np.maximum(blurred(rest * rest, SURROUNDINGS) / near, 0))
-    return np.asarray(rest / (spread + np.float32(QUIET)), np.float32)
+    # Contrast, in log of luminance, below which skin counts as even.
+    return np.asarray(rest / (spread + np.float32(0.02)), np.float32)
 
 
 def _correlation(one: Float32, other: Float32, inside: Bool) -> Float32:
@@ -240,9 +228,11 @@ def stereo_terms(head: HeadModel, pictures: Sequence[Picture | None]) -> list[li
         for place, target in zip((a, b), found.pixels, strict=True):
             state = shown[place].state
             now = project_points(state, mean + np.tensordot(state.coefficients, modes, 1)).uv
-            sigma = SIGMA_M * state.scale
+            # Standard deviation of a spot's place, metres on the face.
+            sigma = 0.0005 * state.scale
             off = np.linalg.norm(now - target, axis=1)
             gate = max(GATE * sigma, GATE * float(np.median(off)))
-            weight = SHARE * found.trust * geman_mcclure(off, gate) / sigma**2
+            # Weight of one spot; chosen on rendered heads.
+            weight = 1.0 * found.trust * geman_mcclure(off, gate) / sigma**2
             terms[there[place]].append(PointTerm(mean, modes, target, weight))
     return terms

@@ -137,10 +137,6 @@ def _average(one: list[Float64], other: list[Float64]) -> list[Float64]:
     return [chart, np.maximum(chart_mm, apart), normal, np.maximum(sine, turned), 0.5 * (one[4] + other[4])]
 
 
-SEAM_CELLS = 6.0
-"""Cells of the narrow crop over which its answer goes over into that of the wider one, at its border."""
-
-
 def parts_at_pixels(reading: Reading, at: Float64, *, strands: bool = False) -> Float32:
     """(N, 13) float32 probabilities of the parts at photo pixels (N, 2); what no crop shows counts as background.
 
@@ -157,7 +153,8 @@ def parts_at_pixels(reading: Reading, at: Float64, *, strands: bool = False) -> 
         return _beyond(narrow, inside)
     wide, around = _in_crop(reading.around, at)
     wide = _beyond(wide, around)
-    share = np.clip(inside / SEAM_CELLS, 0, 1)[:, None]
+    # Cells of the narrow crop over which its answer goes over into that of the wider one, at its border.
+    share = np.clip(inside / 6.0, 0, 1)[:, None]
     parts = np.asarray(share * narrow + (1 - share) * wide, np.float32)
     return _with_hair(parts, wide[:, HAIR]) if strands else parts
 
@@ -309,7 +306,6 @@ class View:
     photo: Photo
     face: Face
     reading: Reading | None = None
-
 
 
 class Readers:

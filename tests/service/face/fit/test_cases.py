@@ -116,15 +116,6 @@ def test_the_same_face_without_colour_has_the_same_shape(head: HeadModel) -> Non
     assert 1e3 * float(np.median(apart)) < 2.5
 
 
-@pytest.mark.parametrize("sigma", [0.0, np.inf])
-def test_uncertainties_of_nothing_and_without_end(head: HeadModel, sigma: float) -> None:
-    """A precision is one over a variance."""
-    photo, face, reading = read("open")
-    all_of_it = np.full_like(reading.chart_mm, sigma)
-    odd = replace(reading, chart_mm=all_of_it, normal_sine=all_of_it)
-    assert np.isfinite(fit_face(face, photo, head, None, odd).vertices).all()
-
-
 @pytest.mark.parametrize("focal", FOCAL_RANGE_MM)
 def test_the_shortest_and_the_longest_lens_that_exif_may_claim(head: HeadModel, focal: float) -> None:
     """Focal length and distance trade with each other: at the ends one of them ran away."""

@@ -185,14 +185,14 @@ def test_a_reading_that_is_not_understood_is_not_followed(head: HeadModel, name:
     assert np.array_equal(with_it.vertices, without.vertices)
 
 
-@pytest.mark.parametrize("value", [0.0, 1e-12, 1e6])
+@pytest.mark.parametrize("value", [0.0, 1e-12, 1e6, np.inf])
 def test_any_uncertainty_gives_a_head(head: HeadModel, value: float) -> None:
     """Zero would be an infinite weight, and a million none at all."""
     truth = somebody(head)
     face, photo, reading = seen(head, truth)
     odd = replace(reading, chart_mm=np.full_like(reading.chart_mm, value), normal_sine=reading.normal_sine * 0 + value)
     fit = fit_face(face, photo, head, None, odd)
-    assert np.isfinite(fit.vertices).all() and error_mm(head, fit.neutral, truth) < 4.0
+    assert np.isfinite(fit.vertices).all() and error_mm(head, fit.neutral, truth) < 5.0
 
 
 def test_an_infinite_focal_length(head: HeadModel) -> None:
