@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.render import mitsuba
-from service.anatomy.eye_meshes import IRIS_SHARE
+from service.anatomy.eyes import IRIS_SHARE
 from service.archive.reading import open_avatar
 from service.archive.rendering import stored_meshes
 from service.arrays import AnyFloat

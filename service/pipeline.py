@@ -26,8 +26,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from service.anatomy.eye_meshes import eye_parts
-from service.anatomy.mouth_meshes import mouth_parts
+from service.anatomy.eyes import eye_parts
+from service.anatomy.mouth import mouth_parts
 from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo, to_albedo, worn
 from service.archive.avatar import Avatar, Source, model_cards
 from service.budget import within_budget

@@ -20,8 +20,6 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.eye_painting import draw_eyes
-from service.anatomy.mouth_painting import draw_teeth
 from service.arrays import UInt8
 from service.colour import Codes
 from service.geometry.chart import NO_PART
@@ -149,9 +147,7 @@ def make_reflectance(
             if grey is not None:
                 grey = without_border(grey, planes)
             plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
-            plain = draw_eyes(plain, subject.head, detail, subject.iris, subject.pupil_m)
-            drawn = draw_teeth(plain, subject.head, detail)
-            return pad_parts(drawn, subject), grey, ledger.applied, told_of, unsure
+            return pad_parts(plain, subject), grey, ledger.applied, told_of, unsure
 
         albedo, grey, corrections, found, error = run("diffuse_albedo", unlit)
         made = replace(made, diffuse_albedo=albedo, corrections=corrections, detail=found, albedo_error=error)

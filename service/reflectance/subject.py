@@ -82,8 +82,6 @@ class Subject:
         eye_light: (3,) linear RGB radiance of a white surface in place of the sclera; None: not measured.
         parts: (h, w, 3) uint8 sRGB-coded diffuse albedo of all that is no skin; None: the texture divided by the mean
             light of the face is taken instead.
-        iris: (3,) linear RGB albedo of the irises; None: it is read from the albedo map.
-        pupil_m: radius of the pupils, metres; None: the photo does not tell.
         roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
         slope: (h, w, 2) float32 at ``GEOMETRY_SIZE``: how the photo's light answers to normals
             (``service.reflectance.subject``); None: the light is not known.
@@ -98,8 +96,6 @@ class Subject:
     eye_light: npt.NDArray[np.floating] | None = None
     parts: npt.NDArray[np.uint8] | None = None
     inpainted: Float32 | None = None
-    iris: npt.NDArray[np.floating] | None = None
-    pupil_m: float | None = None
     roots: npt.NDArray[np.uint8] | None = None
     slope: Float32 | None = None
     creases: Creases | None = None
@@ -131,8 +127,6 @@ class Subject:
             subject,
             inpainted=inpainted,
             parts=texture.parts,
-            iris=texture.iris,
-            pupil_m=None if fit.gaze is None else fit.gaze.pupil_m,
             roots=texture.roots,
             slope=slope,
             creases=Creases.of(subject.chart, fit),

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.anatomy.eye_painting import BRIGHTEST, SOCKET, lid_shade, on_eyeball, paint_eye, sight_angle
-from service.anatomy.mouth_painting import Teeth, no_bluer, paint_lining, paint_tongue
+from service.anatomy.eyes import BRIGHTEST, SOCKET, lid_shade, on_eyeball, paint_eye, sight_angle
+from service.anatomy.mouth import Teeth, no_bluer, paint_lining, paint_tongue
 from service.anatomy.wearables import LASH
 from service.arrays import Bool, Float32, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear

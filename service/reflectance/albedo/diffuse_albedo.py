@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.eye_painting import BRIGHTEST
+from service.anatomy.eyes import BRIGHTEST
 from service.arrays import Float32
 from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
 from service.face.features.eye_colours import BETWEEN_LIDS

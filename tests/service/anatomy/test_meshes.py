@@ -10,9 +10,9 @@ import numpy.typing as npt
 import pytest
 
 from service.anatomy.canvas import Canvas, smooth_noise
-from service.anatomy.eye_meshes import SEGMENTS, eye_parts, eye_picture, globe, surface_picture
+from service.anatomy.eyes import SEGMENTS, eye_parts, eye_picture, globe, surface_picture
 from service.anatomy.items import MOUTH_FILE, read_insets
-from service.anatomy.mouth_meshes import mouth_parts, teeth_picture
+from service.anatomy.mouth import mouth_parts, teeth_picture
 from service.colour import bytes_to_linear, luma
 from service.errors import ModelFault
 from service.face.features.eyes import Gaze

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.anatomy.eye_meshes import eye_parts
+from service.anatomy.eyes import eye_parts
 from service.archive.glb import glb_bytes
 from service.head.files import load_head
 from service.kits.export import blender

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.anatomy.eye_painting import BRIGHTEST
+from service.anatomy.eyes import BRIGHTEST
 from service.colour import LUMA, from_codes, linear_to_srgb, srgb_to_linear, to_codes
 from service.errors import ModelFault, NumericFault
 from service.map_registry import MAPS
@@ -132,8 +132,7 @@ def test_parts_that_the_networks_have_not_seen(
     for normals in (made.specular_normal, made.diffuse_normal):
         assert normals is not None and not normals[others].any()
     assert (made.displacement[others] == MID).all()
-    for drawn in ("draw_eyes", "draw_teeth", "pad_parts"):
-        monkeypatch.setattr(f"service.reflectance.reflectance.{drawn}", lambda albedo, *_: albedo)
+    monkeypatch.setattr("service.reflectance.reflectance.pad_parts", lambda albedo, *_: albedo)
     plain = make_reflectance(
         noise(), subject, ReflectancePlan.of(["diffuse_albedo"], super_resolution=False), (96, 64), engine
     )

@@ -47,7 +47,7 @@ def toy_subject() -> Subject:
     head = sphere_head()
     light = np.array([0.5, 0.45, 0.4])
     subject = Subject.of(head, head.mean, eye_light=light)
-    return replace(subject, parts=noise(1), iris=np.array([0.1, 0.06, 0.04], np.float32))
+    return replace(subject, parts=noise(1))
 
 
 def noise(seed: int = 0) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:

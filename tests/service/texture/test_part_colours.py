@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.anatomy.eye_painting import lid_shade, on_eyeball, paint_eye, sight_angle
-from service.anatomy.mouth_painting import TONGUE
+from service.anatomy.eyes import lid_shade, on_eyeball, paint_eye, sight_angle
+from service.anatomy.mouth import TONGUE
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.features.eye_colours import IRIS, SCLERA
 from service.face.features.mouth import TOOTH

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from service.anatomy.canvas import PartTexels
-from service.anatomy.eye_painting import BRIGHTEST
+from service.anatomy.eyes import BRIGHTEST
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
 from service.face.features.eye_colours import SCLERA
 from service.geometry.chart import NO_PART

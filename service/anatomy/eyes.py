@@ -1,4 +1,9 @@
-"""Eyes of one head as meshes of their own: ball with the iris set back, tear line and caruncle.
+"""Eyes of one head: how they are painted, and their meshes: ball with the iris set back, tear line and caruncle.
+
+An iris is six texels wide in the photo's texture, and no network here has learnt to enlarge it. But its colour is
+measured in the photo, and the structure of an eye is known: pupil, radial fibres, a darker limbus, a sclera with blood
+vessels. So an eye is painted by the angle from its line of sight, plainly on the head's chart and with its structure on
+the picture of the mesh.
 
 Balls are built about the head's own eyeballs and follow them affinely, so they turn with ``eyeLook*``; tear line and
 caruncle follow the lids. Measures are those of adults: cornea of 7.8 mm radius (Gullstrand's eye), iris at the limbus.
@@ -11,15 +16,17 @@ or refraction, which keeps a path tracer's shadow rays from the iris; this looks
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from service.anatomy.canvas import Canvas, smooth_noise
-from service.anatomy.eye_painting import DrawnEye, eye_albedo
+from service.anatomy.canvas import Canvas, part_points, smooth_noise
 from service.anatomy.items import following
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8
-from service.face.features.eye_colours import IRIS
+from service.colour import linear_to_srgb, srgb_to_linear
+from service.face.features.eye_colours import IRIS, SCLERA
 from service.face.fit.fit import Fit
+from service.geometry.chart import Chart
 from service.geometry.mesh import area_normals, normalise
 from service.head.eyeball import SIDES, Eyeball
 from service.head.model import HeadModel
@@ -27,6 +34,143 @@ from service.head.regions import lid_edges, part_vertices
 from service.materials.material import Material, OwnMap
 from service.materials.part import Bone, MeshPart, part_triangles
 from service.robust import smoothstep
+
+SOCKET = np.array([0.358, 0.127, 0.108], np.float32)
+"""Conjunctiva between eyeball and lids."""
+
+BRIGHTEST = 0.85
+"""Largest albedo of an eye or a tooth."""
+
+LID_SHADE = ((-0.55, 0.75), (-0.30, 0.95), (-0.05, 1.0), (0.10, 0.87), (0.23, 0.55), (0.6, 0.4))
+"""Pairs of height on the eyeball over its radius, and the factor of the lids' shade there on sRGB values. For the
+texture only, which has the photo's light baked in."""
+
+CORNER_SHADE = ((0.45, 1.0), (0.85, 0.75))
+"""The same by horizontal distance over the radius, towards the corners of the lids."""
+
+
+def paint_eye(angle: Float32, limbus: float, pupil: float, iris: Float32) -> Float32:
+    """(N, 3) sRGB of an eyeball by the angle (N,) in degrees from its line of sight.
+
+    Pupil, iris with a dark limbus, sclera that reddens towards the socket.
+
+    Args:
+        angle: (N,) degrees.
+        limbus: angle of the iris's rim, degrees.
+        pupil: angle of the pupil's rim, degrees.
+        iris: (3,) linear albedo.
+    """
+    sclera, coded, socket = (linear_to_srgb(colour) for colour in (SCLERA, iris, SOCKET))
+    colour = np.broadcast_to(coded, (len(angle), 3)) * (1 + 0.25 * _blend(angle, 0.9 * limbus, 0.4 * limbus))
+    colour = colour * (1 - 0.45 * _blend(angle, 0.82 * limbus, limbus))
+    colour = colour * (1 - 0.85 * _blend(angle, 1.15 * pupil, 0.9 * pupil))
+    pale = sclera + (socket - sclera) * (0.9 * _blend(angle, 1.6 * limbus, 4.0 * limbus))
+    return np.asarray(np.clip(colour + (pale - colour) * _blend(angle, 0.94 * limbus, 1.1 * limbus), 0, 1), np.float32)
+
+
+def _blend(value: Float32, low: float, high: float) -> Float32:
+    """:func:`smoothstep` of (N,) as (N, 1)."""
+    return smoothstep(value, low, high)[:, None]
+
+
+def on_eyeball(chart: Chart, part: int) -> tuple[Eyeball, AnyFloat]:
+    """The eyeball of a part of the neutral mean head, and points (n, 3) of its inner texels, metres."""
+    points, vertices = part_points(chart, part, np.flatnonzero(chart.inner_part == part))
+    return Eyeball.of(vertices), points
+
+
+def sight_angle(ball: Eyeball, points: AnyFloat) -> Float32:
+    """(n,) degrees between the line of sight, +Z in the neutral head, and the directions of points (n, 3)."""
+    return np.asarray(np.degrees(np.arccos(np.clip(ball.rays(points)[:, 2], -1.0, 1.0))), np.float32)
+
+
+def lid_shade(ball: Eyeball, points: AnyFloat) -> Float32:
+    """(n, 1) factor on sRGB values by which the lids shade points (n, 3) of an eyeball."""
+    x, y, _ = (points - ball.centre).T / max(ball.radius, 1e-6)
+    lids, corners = np.array(LID_SHADE).T, np.array(CORNER_SHADE).T
+    return np.asarray(np.interp(y, *lids) * np.interp(np.abs(x), *corners), np.float32)[:, None]
+
+
+FIBRES, FIBRE_DEPTH = 28, 0.16
+"""Number of cosines round the iris whose sum makes its fibres, and the amplitude of the sum in natural logarithms."""
+
+COLLARETTE, COLLARETTE_WIDTH, COLLARETTE_LIGHT = 0.52, 0.07, 0.12
+"""The collarette, the border between the iris's inner and outer zone: radius and width in iris radii, and how much
+lighter it is in natural logarithms."""
+
+VESSELS, VESSEL_WIDTH = 0.16, 0.09
+"""Largest share of green and blue that blood vessels take from the sclera, and the noise value at which that has
+fallen to 1/e: vessels follow the zeros of the noise."""
+
+
+@dataclass(frozen=True)
+class DrawnEye:
+    """One eye on a picture.
+
+    Attributes:
+        radius: (N,) float32 angle from the line of sight over that of the limbus, of the texels inside.
+        azimuth: (N,) float32 radians round the line of sight.
+        direction: (N, 3) float32 unit vectors from the eyeball's centre.
+        limbus: degrees from the line of sight to the limbus, the iris's rim.
+        pupil: degrees from the line of sight to the pupil's rim.
+        texel: side of a texel near the iris in iris radii.
+    """
+
+    radius: Float32
+    azimuth: Float32
+    direction: Float32
+    limbus: float
+    pupil: float
+    texel: float
+
+
+def eye_albedo(eye: DrawnEye, iris: Float32) -> Float32:
+    """(N, 3) linear albedo of an eye.
+
+    Args:
+        eye: where its texels lie.
+        iris: (3,) linear albedo.
+    """
+    # The same seed for both eyes: a person's are alike.
+    random = np.random.default_rng(np.rint(linear_to_srgb(iris) * 255).astype(int))
+    painted = paint_eye(eye.radius * eye.limbus, eye.limbus, eye.pupil, iris)
+    linear = srgb_to_linear(painted) * _fibres(eye, random)[:, None]
+    linear[:, 1:] *= 1 - _vessels(eye, random)[:, None]
+    return np.asarray(np.clip(linear, 0, BRIGHTEST), np.float32)
+
+
+def _fibres(eye: DrawnEye, random: np.random.Generator) -> Float32:
+    """(N,) factor on the iris's colour: fibres and collarette; 1 on pupil and sclera."""
+    # Most periods of a cosine round the iris; fewer where a texel does not resolve them.
+    finest = min(70.0, np.pi * 0.5 / max(eye.texel, 1e-6))
+    periods = np.rint(np.exp(random.uniform(np.log(3), np.log(max(finest, 4)), FIBRES)))
+    phases, bends = random.uniform(0, 2 * np.pi, FIBRES), random.normal(0, 1.5, FIBRES)
+    fades = random.uniform(0, 2 * np.pi, FIBRES)
+    r, noise = eye.radius, np.zeros(len(eye.radius), np.float32)
+    near = r < 1.2
+    azimuth, inner, total = eye.azimuth[near], r[near], noise[near]
+    # Plain numbers: scalars of numpy would make all of it float64.
+    for n, phase, bend, fade in np.stack([periods, phases, bends, fades], 1).tolist():
+        total += np.cos(n * azimuth + phase + bend * inner) * (1 + 0.6 * np.cos(6 * inner + fade))
+    noise[near] = total
+    wavy = COLLARETTE + 0.03 * np.cos(5 * eye.azimuth + phases[0]) + 0.02 * np.cos(11 * eye.azimuth + phases[1])
+    collarette = COLLARETTE_LIGHT * np.exp(-(((r - wavy) / COLLARETTE_WIDTH) ** 2))
+    rim = smoothstep(r, 1.05, 0.9) * smoothstep(r / (eye.pupil / eye.limbus), 0.95, 1.15)
+    factor = np.exp(FIBRE_DEPTH * np.sqrt(2 / FIBRES) * noise + collarette)
+    return np.asarray(1 + rim * (factor - 1), np.float32)
+
+
+def _vessels(eye: DrawnEye, random: np.random.Generator) -> Float32:
+    """(N,) share of green and blue that vessels take: zeros of a noise, stronger towards the corners of the lids."""
+    share = np.asarray(VESSELS * smoothstep(eye.radius, 1.2, 2.6), np.float32)
+    white = np.flatnonzero(share)
+    direction, noise = eye.direction[white], np.zeros(len(white), np.float32)
+    for scale in (5.0, 9.0, 16.0, 30.0):
+        axes, phases = random.normal(0, scale, (6, 3)).astype(np.float32), random.uniform(0, 2 * np.pi, 6)
+        noise += np.cos(direction @ axes.T + phases.astype(np.float32)).sum(1) / np.float32(6)
+    share[white] *= np.exp(-((noise / np.float32(VESSEL_WIDTH)) ** 2))
+    return share
+
 
 SIZE = 1024
 """Side of the picture of both eyes, texels."""
@@ -126,7 +270,7 @@ def eye_picture(head: HeadModel, iris: Float32, pupil_m: float | None = None, si
     azimuth = np.arctan2(y, x).ravel()
     direction = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)], 1)
     eye = DrawnEye(
-        None, (angle / limbus).astype(np.float32), azimuth.astype(np.float32), direction.astype(np.float32),
+        (angle / limbus).astype(np.float32), azimuth.astype(np.float32), direction.astype(np.float32),
         ball.limbus_deg, ball.pupil_deg(pupil_m), 2 / (size * IRIS_SHARE),
     )  # fmt: skip
     canvas = Canvas(size)

@@ -1,19 +1,23 @@
-"""Teeth, gums, tongue and the lining of the mouth painted on the head's chart, darker the deeper they lie.
+"""Teeth, gums, tongue and lining of the mouth: painted on the head's chart, and as meshes with pictures of their own.
 
-Colours are diffuse albedo, linear RGB in [0, 1]. The head's rows of teeth are two smooth bands, and a texel of the
-photo's texture is a third of a tooth wide. What separates teeth is drawn at the full resolution of the map: gaps that
-open towards the incisal edge, sides that turn away, a translucent edge.
+Colours are diffuse albedo, linear RGB in [0, 1]. The head's rows of teeth are two smooth bands; on the chart they are
+darker the deeper they lie. The meshes that stand in their place have single teeth, in the photo's tooth colour.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from service.anatomy.canvas import PartTexels, part_points
-from service.arrays import AnyFloat, Float32, Float64, Int64
-from service.colour import FULL_CODE, Codes, linear_to_srgb, luma, srgb_to_linear
+from service.anatomy.canvas import Canvas, part_points, smooth_noise
+from service.anatomy.items import Inset, fits, following, read_insets
+from service.arrays import AnyFloat, Float32, Float64, Int64, UInt8
+from service.colour import linear_to_srgb, luma, srgb_to_linear
+from service.face.features.mouth import TOOTH
+from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
+from service.materials.material import Material, OwnMap
+from service.materials.part import MeshPart
 
 TONGUE = np.array([0.357, 0.114, 0.107], np.float32)
 """Top of the tongue."""
@@ -133,92 +137,89 @@ def no_bluer(albedo: Float32) -> Float32:
     return linear_to_srgb(linear)
 
 
-WIDTHS_MM = {
-    "teeth_upper": (8.5, 6.5, 7.5, 7.0, 7.0, 10.5, 10.0),
-    "teeth_lower": (5.3, 5.8, 6.8, 7.0, 7.1, 11.0, 10.5),
-}
-"""Widths of the crowns from the midline outwards (Ash and Nelson, Wheeler's Dental Anatomy)."""
+SIZE, TONGUE_SIZE = 1024, 512
+"""Sides of the pictures of teeth and gums, and of the tongue, texels."""
+REPLACES = {"teeth_upper_gums": "teeth_upper", "teeth_lower_gums": "teeth_lower", "tongue_body": "tongue"}
+"""Meshes of the file, and the head's own part in place of which each stands."""
 
-GAP_MM, OPEN_MM, CLOSES_MM = 0.10, 0.32, 1.3
-"""Half width of a gap, how much wider it is at the incisal edge, and the height over which that falls to 1/e."""
-
-GAP_DARK, SIDE_DARK = 0.75, 0.12
-"""Share of the light that is lost in a gap, and on the side of a tooth, which turns away."""
-
-EDGE_MM, EDGE = 0.9, (0.12, 0.07, 0.02)
-"""Height of the translucent incisal edge, and the share of red, green and blue lost there: the dark mouth shines
-through."""
-
-
-def along_arch(points: Float64, vertices: Float64) -> Float64:
-    """(N,) millimetres along the dental arch from the midline, > 0 to the subject's left, of points (N, 3) in metres.
-
-    The arch is the parabola z = z0 - k x^2 fitted to the vertices (M, 3) of the row.
-    """
-    from scipy.spatial import cKDTree
-
-    x, z = vertices[:, 0], vertices[:, 2]
-    basis = np.stack([np.ones_like(x), -x * x], 1)
-    front, curvature = np.linalg.lstsq(basis, z, rcond=None)[0]
-    # Samples of the dental arch, along which widths are measured.
-    reach = np.linspace(-1.1, 1.1, 400) * max(float(np.abs(x).max()), 1e-4)
-    arch = np.stack([reach, front - curvature * reach**2], 1)
-    step = np.linalg.norm(np.diff(arch, axis=0), axis=1)
-    length = np.concatenate([[0.0], np.cumsum(step)])
-    length -= np.interp(0.0, reach, length)
-    return np.asarray(1e3 * length[cKDTree(arch).query(points[:, [0, 2]])[1]])
+NECK, NECK_COLOUR = (0.62, 1.0), (0.10, 0.16, 0.26)
+"""Places along a crown between which dentine shows through, and the share of red, green and blue that is lost there."""
+EDGE, EDGE_COLOUR = 0.16, (0.16, 0.10, 0.04)
+"""Length of the translucent biting edge along a crown, and the share lost at its end: the dark mouth shines through."""
+BETWEEN = (0.50, 0.62, 0.66)
+"""Share of red, green and blue that is lost deep between two teeth."""
+MARGIN, MARGIN_LIGHT = 0.35, 0.25
+"""Gums next to teeth are paler: how much, and the noise on gums, both as shares of their colour."""
+GROOVE, PAPILLAE, UNDERSIDE = 0.22, 0.10, (1.0, 0.82, 0.86)
+"""Depth of the median groove of the tongue and amplitude of its papillae as shares of the colour; factors on its
+underside, whose thin mucosa is redder."""
+ENAMEL_MM, MUCOSA_MM = (0.9, 0.75, 0.55), (2.2, 0.8, 0.5)
+"""Mean free paths of red, green and blue in teeth, whose edges glow, and in the wet flesh of the mouth."""
+ROOT = 0.35
+"""Share of the tongue's light that is lost at its root, which is coated and lies in the throat."""
 
 
-def draw_teeth(albedo: Codes, head: HeadModel, detail: float = 1.0) -> Codes:
-    """The albedo, changed in place: rows of teeth are divided into single teeth.
+def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None, step: int = 1) -> tuple[MeshPart, ...]:
+    """Teeth, gums and tongue; nothing for a head that they were not made for.
 
     Args:
-        albedo: (H, W, 3) codes of sRGB.
-        head: whose chart it is; the albedo stays as it is where the head has no teeth.
-        detail: strength in [0, 1].
+        head: topology, chart and units.
+        fit: vertices of the head.
+        tooth: (3,) linear albedo of the teeth; None: the usual one.
+        step: by which the sides of the pictures are divided.
     """
-    for name, widths in WIDTHS_MM.items():
-        place = PartTexels.of(head, name, (albedo.shape[1], albedo.shape[0]))
-        if place is None:
-            continue
-        upper = name == "teeth_upper"
-        along = along_arch(place.points, place.vertices)
-        height = 1e3 * biting_height(place.points, place.vertices, upper=upper)
-        texel = _texel_mm(along, height)
-        crown = crown_share(place.points, place.vertices, upper=upper)[:, None]
-        share = 1 - np.float32(detail) * crown * (1 - _kept_light(along, height, np.array(widths), texel))
-        colour = srgb_to_linear(albedo[place.box][place.inside] * np.float32(1 / FULL_CODE)) * share
-        drawn = np.rint(linear_to_srgb(np.clip(colour, 0, 1).astype(np.float32)) * FULL_CODE)
-        albedo[place.box][place.inside] = drawn.astype(albedo.dtype)
-    return albedo
+    insets = read_insets()
+    if not fits(insets, head):
+        return ()
+    rows = [mesh for mesh in insets.meshes if mesh.name.startswith("teeth")]
+    tongue = next(mesh for mesh in insets.meshes if mesh.name.startswith("tongue"))
+    crowns = teeth_picture(rows, TOOTH if tooth is None else tooth, SIZE // step)
+    mucosa = OwnMap("tongue", tongue_picture(tongue, TONGUE_SIZE // step))
+    enamel = Material("teeth", colour_map=OwnMap("teeth", crowns), roughness=0.18, ior=1.6, subsurface_mm=ENAMEL_MM)
+    flesh = Material("tongue", colour_map=mucosa, roughness=0.35, ior=1.4, subsurface_mm=MUCOSA_MM)
+    return tuple(
+        following(
+            mesh.name, head, fit, insets.fitted_head, mesh.rest, mesh.moved, mesh.faces, mesh.uv,
+            flesh if mesh is tongue else enamel, uv_faces=mesh.uv_faces,
+            bone="head" if mesh.name == "teeth_upper_gums" else "jaw", replaces=(REPLACES[mesh.name],),
+        )
+        for mesh in (*rows, tongue)
+    )  # fmt: skip
 
 
-def _texel_mm(along: Float64, height: Float64) -> float:
-    """Side of a texel in mm: square root of the area of both sides of a row over the number of its texels."""
-    area = float(np.ptp(along)) * float(np.ptp(height)) * 2
-    return float(np.sqrt(area / max(len(along), 1)))
-
-
-def _kept_light(along: Float64, height: Float64, widths: Float64, texel: float) -> Float32:
-    """(N, 3) share of the light, in [0, 1], that gaps, sides and incisal edge leave.
+def teeth_picture(rows: list[Inset], tooth: Float32, size: int = SIZE) -> UInt8:
+    """(size, size, 3) uint8 sRGB of both rows on their common picture.
 
     Args:
-        along: (N,) mm along the arch.
-        height: (N,) mm from the incisal edge towards the gum.
-        widths: (K,) mm, from the midline outwards.
-        texel: mm.
+        rows: upper and lower row.
+        tooth: (3,) linear albedo.
+        size: of a side, texels.
     """
-    borders = np.concatenate([-np.cumsum(widths)[::-1], [0.0], np.cumsum(widths)])
-    tooth = np.clip(np.searchsorted(borders, along), 1, len(borders) - 1)
-    low, high = borders[tooth - 1], borders[tooth]
-    distance = np.minimum(np.abs(along - low), np.abs(high - along))
-    above = np.maximum(height, 0.0)
-    true_half = GAP_MM + OPEN_MM * np.exp(-above / CLOSES_MM)
-    half = np.hypot(true_half, 0.5 * texel)
-    # A gap narrower than a texel is drawn wider and, to the same extent, paler.
-    dark = GAP_DARK * np.minimum(true_half / half, 1.0)
-    gap = 1 - dark * np.exp(-((distance / half) ** 2))
-    aside = np.clip(np.abs(2 * along - low - high) / np.maximum(high - low, 1e-6), 0, 1)
-    side = 1 - SIDE_DARK * aside**4
-    translucent = 1 - np.exp(-((above / EDGE_MM) ** 2))[:, None] * np.array(EDGE)
-    return np.asarray((gap * side)[:, None] * translucent, np.float32)
+    canvas = Canvas(size)
+    for row in rows:
+        at, values = canvas.texels(row.uv, row.uv_faces, row.faces, np.c_[row.along, row.shade, row.rest * 1e3])
+        along, shade, place = values[:, 0], values[:, 1], values[:, 2:]
+        neck = np.clip((along - NECK[0]) / (NECK[1] - NECK[0]), 0, 1)[:, None] ** 1.5
+        edge = np.exp(-((np.maximum(along, 0) / EDGE) ** 2))[:, None]
+        between = ((1 - np.clip(shade, 0, 1)) ** 1.5)[:, None]
+        enamel = tooth * (1 - neck * np.array(NECK_COLOUR)) * (1 - edge * np.array(EDGE_COLOUR))
+        enamel = enamel * (1 - between * np.array(BETWEEN))
+        noise = smooth_noise(place, (0.5, 1.1, 2.4), seed=1)[:, None]
+        gums = GUMS * (1 + MARGIN_LIGHT * noise) * (1 + MARGIN * np.clip(1 + along, 0, 1)[:, None])
+        canvas.put(at, np.where(along[:, None] < 0, gums, enamel))
+    return canvas.picture()
+
+
+def tongue_picture(tongue: Inset, size: int = TONGUE_SIZE) -> UInt8:
+    """(size, size, 3) uint8 sRGB of the tongue."""
+    canvas = Canvas(size)
+    at, values = canvas.texels(tongue.uv, tongue.uv_faces, tongue.faces, np.c_[tongue.along, tongue.rest * 1e3])
+    along, place = values[:, 0], values[:, 1:]
+    below = (at % size) >= size // 2
+    groove = GROOVE * np.exp(-((place[:, 0] / 1.2) ** 2)) * np.clip(along * 4, 0, 1)
+    papillae = PAPILLAE * smooth_noise(place, (4.5, 7.0, 11.0), seed=2)
+    light = (1 - groove) * (1 + papillae) * (1 - ROOT * along**2)
+    top = TONGUE * light[:, None]
+    under = TONGUE * np.array(UNDERSIDE) * (1 - ROOT * along[:, None] ** 2)
+    canvas.put(at, np.where(below[:, None], under, top))
+    return canvas.picture()
