@@ -9,8 +9,6 @@ assignment with the smallest sum is taken. It is refused unless it is its own in
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
@@ -20,8 +18,6 @@ from service.face.detection import LANDMARKS, MESH_SIZE
 from service.face.finder import FaceFinder
 from service.face.region import Region
 from service.runtime.sessions import load_session
-
-TABLE = Path(__file__).parents[2] / "service" / "faces" / "topology.py"
 
 
 def derive(crops: int = 40) -> npt.NDArray[np.int64]:

@@ -32,7 +32,7 @@ FILE, MOUTH_FILE = DATA / "hair" / "wearables.npz", DATA / "head" / "mouth.npz"
 def carried(share: Float32, follow: Int32, offsets: AnyFloat, out: Float32 | Float64) -> Float32:
     """(N, 3) float32 sums of the offsets (V, 3) of vertices ``follow`` (N, k) by ``share`` (N, k), added to ``out``."""
     for k in range(follow.shape[1]):
-        out += share[:, k : k + 1].astype(out.dtype, copy=False) * offsets[follow[:, k]]
+        out += np.multiply(share[:, k : k + 1], offsets[follow[:, k]], dtype=out.dtype)
     return np.asarray(out, np.float32)
 
 

@@ -14,8 +14,8 @@ as the camera sees it, is brought to the rim that the landmark network found.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -201,74 +201,6 @@ SHUT = 0.03
 the network is off by on closed eyes."""
 
 
-def lids_on_rims(
-    head: HeadModel,
-    neutral: AnyFloat,
-    expression: Float64,
-    camera: Camera,
-    landmarks: AnyFloat,
-    exact: Collection[str] = (),
-) -> Float64:
-    """(E,) expression, all in [0, 1], whose lids end at the rims of the photo's eyes.
-
-    Args:
-        head: the model; eyes without lids, lid units or a legible rim keep their activations.
-        neutral: (V, 3) metres, the fitted head without expression.
-        expression: (E,) activations fitted to landmarks and gaze.
-        camera: of the fit.
-        landmarks: (468, >= 2) photo pixels.
-        exact: sides whose rims lie on the edges of the lids; the others' upper rims lie on the roots of the lashes.
-    """
-    out = np.array(expression, np.float64)
-    for side in SIDES:
-        out = lid_on_rim(head, neutral, out, camera, landmarks, side, exact=side in exact)[1].expression
-    return out
-
-
-def lid_on_rim(
-    head: HeadModel,
-    neutral: AnyFloat,
-    expression: Float64,
-    camera: Camera,
-    landmarks: AnyFloat,
-    side: str,
-    *,
-    exact: bool,
-    placed: bool = True,
-) -> tuple[Rim | None, Followed]:
-    """One eye's rim, None where it is not legible, and how the lids follow it, arguments as of :func:`lids_on_rims`.
-
-    ``placed``: the eye lies where it should.
-    """
-    edges = lid_edges(head, side)
-    # Part of the way from the outer corner to the inner over which lids are fitted: there the model's eyes are open;
-    # people's openings are a little longer.
-    rim = Rim.of(np.asarray(landmarks, np.float64)[list(RIMS[side]), :2], camera.rotation[:2, 1], (0.08, 0.92))
-    if edges is None or rim is None:
-        return None, Followed(np.array(expression, np.float64))
-    names, start = {f"{unit}{side.capitalize()}" for unit in LID_UNITS}, np.array(expression, np.float64)
-    if not exact:
-        return rim, fit_to_rim(rim.lower_above(LASH_ROOTS), edges, names, head, neutral, start, camera)
-    if rim.gap < SHUT:
-        # Lids that meet in this view may be apart in others: only where they meet is fitted.
-        rim, start, names = rim.narrower(rim.length), _shut(head, start, side), {f"eyeSquint{side.capitalize()}"}
-    return rim, fit_to_rim(rim, edges, names, head, neutral, start, camera, placed=placed)
-
-
-def _shut(head: HeadModel, expression: Float64, side: str) -> Float64:
-    """(E,) the expression with one eye closed, whose lids no gaze takes along."""
-    out = np.array(expression, np.float64)
-    place = {name: k for k, name in enumerate(head.expression_names)}
-    for unit in ("eyeBlink", "eyeWide", "eyeLookUp", "eyeLookDown"):
-        if (name := f"{unit}{side.capitalize()}") in place:
-            out[place[name]] = float(unit == "eyeBlink")
-    return out
-
-
-FADES_M = 0.018
-"""Distance from lids and eyeball over which the skin around them follows less and less."""
-
-
 @dataclass(frozen=True)
 class SeenRims:
     """Rims of one photo, and the head in it.
@@ -284,6 +216,52 @@ class SeenRims:
     camera: Camera
     landmarks: Float64
     exact: frozenset[str]
+
+
+def lids_on_rims(head: HeadModel, neutral: AnyFloat, seen: SeenRims) -> Float64:
+    """(E,) expression, all in [0, 1], whose lids end at the rims of the photo's eyes.
+
+    Args:
+        head: the model; eyes without lids, lid units or a legible rim keep their activations.
+        neutral: (V, 3) metres, the fitted head without expression.
+        seen: rims of the photo; where they do not lie on the edges of the lids, upper ones lie on the roots of lashes.
+    """
+    for side in SIDES:
+        seen = replace(seen, expression=lid_on_rim(head, neutral, seen, side)[1].expression)
+    return np.array(seen.expression, np.float64)
+
+
+def lid_on_rim(
+    head: HeadModel, neutral: AnyFloat, seen: SeenRims, side: str, *, placed: bool = True
+) -> tuple[Rim | None, Followed]:
+    """One eye's rim, None where it is not legible, and how the lids follow it; ``placed``: the eye lies right."""
+    edges, points = lid_edges(head, side), np.asarray(seen.landmarks, np.float64)[list(RIMS[side]), :2]
+    # Part of the way from the outer corner to the inner over which lids are fitted: there the model's eyes are open;
+    # people's openings are a little longer.
+    rim = Rim.of(points, seen.camera.rotation[:2, 1], (0.08, 0.92))
+    if edges is None or rim is None:
+        return None, Followed(np.array(seen.expression, np.float64))
+    names, start = {f"{unit}{side.capitalize()}" for unit in LID_UNITS}, np.array(seen.expression, np.float64)
+    if side not in seen.exact:
+        return rim, fit_to_rim(rim.lower_above(LASH_ROOTS), edges, names, head, neutral, start, seen.camera)
+    if rim.gap < SHUT:
+        # Lids that meet in this view may be apart in others: only where they meet is fitted.
+        rim, start, names = rim.narrower(rim.length), _shut(head, start, side), {f"eyeSquint{side.capitalize()}"}
+    return rim, fit_to_rim(rim, edges, names, head, neutral, start, seen.camera, placed=placed)
+
+
+def _shut(head: HeadModel, expression: Float64, side: str) -> Float64:
+    """(E,) the expression with one eye closed, whose lids no gaze takes along."""
+    out = np.array(expression, np.float64)
+    place = {name: k for k, name in enumerate(head.expression_names)}
+    for unit in ("eyeBlink", "eyeWide", "eyeLookUp", "eyeLookDown"):
+        if (name := f"{unit}{side.capitalize()}") in place:
+            out[place[name]] = float(unit == "eyeBlink")
+    return out
+
+
+FADES_M = 0.018
+"""Distance from lids and eyeball over which the skin around them follows less and less."""
 
 
 def eyes_on_rims(head: HeadModel, neutral: AnyFloat, photos: Sequence[SeenRims]) -> Float32:
@@ -302,9 +280,7 @@ def eyes_on_rims(head: HeadModel, neutral: AnyFloat, photos: Sequence[SeenRims])
         for seen in photos:
             if side not in seen.exact:
                 continue
-            rim, found = lid_on_rim(
-                head, neutral, seen.expression, seen.camera, seen.landmarks, side, exact=True, placed=False
-            )
+            rim, found = lid_on_rim(head, neutral, seen, side, placed=False)
             if rim is not None:
                 moves.append(_moved(head, np.asarray(neutral, np.float64), seen.camera, side, rim, found))
                 weights.append(max(-float(seen.camera.rotation[2, 2]), 0.05) ** 2)

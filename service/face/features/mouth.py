@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.colour import luma, srgb_to_linear
-from service.face.features.rims import LEAST_FACING, Rim, fit_to_rim, inside_rim
+from service.face.features.eyes import SeenRims
+from service.face.features.rims import LEAST_FACING, RIMS, Rim, fit_to_rim, inside_rim
 from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
@@ -41,29 +42,19 @@ SHUT = 0.03
 """The same of a rim that lies on the edges of the lips, teeth or not: what the network is off by on shut mouths."""
 
 
-def lips_on_rim(
-    head: HeadModel,
-    neutral: AnyFloat,
-    expression: Float64,
-    camera: Camera,
-    rim_points: AnyFloat,
-    teeth_seen: bool,
-    *,
-    exact: bool = False,
-) -> Float64:
+def lips_on_rim(head: HeadModel, neutral: AnyFloat, seen: SeenRims, teeth_seen: bool) -> Float64:
     """(E,) expression, all in [0, 1], whose lips end at the rim of the photo's mouth.
 
     Args:
         head: the model; without lips or a legible rim the activations stay as they are.
         neutral: (V, 3) metres, the fitted head without expression.
-        expression: (E,) activations fitted to the landmarks.
-        camera: of the fit.
-        rim_points: (20, 2) photo pixels of the opening, in the order of ``RIMS``.
-        teeth_seen: whether the photo shows teeth in it.
-        exact: whether the rim lies on the edges of the lips, as the landmark network's does not.
+        seen: the rim; the landmark network's does not lie on the edges of the lips.
+        teeth_seen: whether the photo shows teeth in the opening.
     """
+    expression, camera, exact = seen.expression, seen.camera, "mouth" in seen.exact
     # Part of the way from corner to corner over which the lips are fitted.
-    edges, rim = lip_edges(head), Rim.of(np.asarray(rim_points, np.float64), camera.rotation[:2, 1], (0.04, 0.96))
+    points, used = np.asarray(seen.landmarks, np.float64)[list(RIMS["mouth"]), :2], (0.04, 0.96)
+    edges, rim = lip_edges(head), Rim.of(points, camera.rotation[:2, 1], used)
     if edges is None or rim is None or not -camera.rotation[2, 2] >= LEAST_FACING:
         return np.array(expression, np.float64)
     gap = float(np.median(np.interp(rim.lower[:, 0], *rim.upper.T) - rim.lower[:, 1])) / rim.length

@@ -209,6 +209,8 @@ def fit_to_rim(
         camera: of the fit.
         placed: the opening lies where it should, and only its edges can move.
     """
+    from scipy.optimize import lsq_linear
+
     out = np.array(expression, np.float64)
     units = [k for k, name in enumerate(head.expression_names) if name in names]
     if not units or not -camera.rotation[2, 2] >= LEAST_FACING:
@@ -221,49 +223,26 @@ def fit_to_rim(
     away = np.zeros(3)
     sigma = np.r_[np.full(len(units), UNIT_SIGMA), PLACE_SIGMA_M, PLACE_SIGMA_M, TILT_SIGMA]
     sigma[len(units) :] *= PLACED if placed else 1.0
-    for _ in range(ROUNDS):
-        out[units], away = _step(rest, moves, out, units, before, camera, rim, edges, sigma)
-    return Followed(out, *(float(one) for one in away))
-
-
-def _step(
-    rest: Float64,
-    moves: Float64,
-    expression: Float64,
-    units: list[int],
-    before: Float64,
-    camera: Camera,
-    rim: Rim,
-    edges: OpeningEdges,
-    sigma: Float64,
-) -> tuple[Float64, Float64]:
-    """Activations of the units after one linear least-squares step within [0, 1], and the opening's way to the rim.
-
-    The way is metres across and along the rim, and the tangent of an angle; ``sigma`` are the standard deviations of
-    all these unknowns. ``rest`` (N, 3) are the vertices of the edges without expression, ``moves`` (E, N, 3) what each
-    unit does to them.
-    """
-    from scipy.optimize import lsq_linear
-
-    start, count = expression[units], len(units)
-    matrix, target = [np.diag(1.0 / sigma)], [np.r_[before - start, 0.0, 0.0, 0.0] / sigma]
-    points, places = rest + np.tensordot(expression, moves, 1), rim.places
+    places, low, high = rim.places, -MOST_PLACED * sigma[len(units) :], MOST_PLACED * sigma[len(units) :]
     middle = (4.0 * places * (1.0 - places)) ** 2
-    for rows, curve, outwards in ((edges.upper, rim.upper, 1.0), (edges.lower, rim.lower, -1.0)):
-        edge = Edge.of(rows, points, moves[units], camera, rim, outwards)
-        if edge is None:
-            return start, np.zeros(3)
-        wanted = np.interp(places, curve[:, 0], curve[:, 1])
-        aside = -np.gradient(edge.height, places) * edge.scale / rim.length
-        placed = np.stack([edge.scale, aside, (places - 0.5) * rim.length], 1)
-        share = middle * edge.reached
-        weight = np.sqrt(share / share.sum()) / (RIM_SIGMA_M * edge.scale)
-        matrix.append(np.hstack([edge.slope, placed]) * weight[:, None])
-        target.append((wanted - edge.height) * weight)
-    low = np.r_[-start - 1e-9, -MOST_PLACED * sigma[count:]]
-    high = np.r_[1.0 - start + 1e-9, MOST_PLACED * sigma[count:]]
-    solved = lsq_linear(np.vstack(matrix), np.concatenate(target), (low, high)).x
-    return np.asarray(np.clip(start + solved[:count], 0.0, 1.0)), np.asarray(solved[count:])
+    for _ in range(ROUNDS):
+        start, points = out[units], rest + np.tensordot(out, moves, 1)
+        matrix, target = [np.diag(1.0 / sigma)], [np.r_[before - start, 0.0, 0.0, 0.0] / sigma]
+        for rows, curve, outwards in ((edges.upper, rim.upper, 1.0), (edges.lower, rim.lower, -1.0)):
+            edge = Edge.of(rows, points, moves[units], camera, rim, outwards)
+            if edge is None:
+                return Followed(out)
+            wanted = np.interp(places, curve[:, 0], curve[:, 1])
+            aside = -np.gradient(edge.height, places) * edge.scale / rim.length
+            moved = np.stack([edge.scale, aside, (places - 0.5) * rim.length], 1)
+            share = middle * edge.reached
+            weight = np.sqrt(share / share.sum()) / (RIM_SIGMA_M * edge.scale)
+            matrix.append(np.hstack([edge.slope, moved]) * weight[:, None])
+            target.append((wanted - edge.height) * weight)
+        bounds = np.r_[-start - 1e-9, low], np.r_[1.0 - start + 1e-9, high]
+        solved = lsq_linear(np.vstack(matrix), np.concatenate(target), bounds).x
+        out[units], away = np.clip(start + solved[: len(units)], 0.0, 1.0), solved[len(units) :]
+    return Followed(out, *(float(one) for one in away))
 
 
 def inside_rim(pixels: UInt8, rim: AnyFloat, margin: float) -> tuple[Float32, Float64]:

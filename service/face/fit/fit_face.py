@@ -172,8 +172,7 @@ def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings, scores:
     precision[model.identity_count :] = settings.expression_prior**-2
     mean = np.zeros(model.shape_count)
     for k, name in enumerate(model.expression_names, model.identity_count):
-        if scores is not None and name in scores.units:
-            mean[k] = scores.units[name]
+        mean[k] = (scores or {}).get(name, 0.0)
     return Prior(
         float(np.log(settings.distance_m)), distance_sigma, float(np.log(focal)), focal_sigma, precision, mean
     )
@@ -324,13 +323,13 @@ def _result(index: int, view: View, head: HeadModel, neutral: Float32, found: La
     # The landmark error is measured before lids and lips are moved: the embedding was calibrated on rendered heads, so
     # it already allows for where the network puts their landmarks.
     coefficients = np.concatenate([identity, expression])
-    expression = lids_on_rims(head, neutral, expression, camera, rims, seen.exact)
+    expression = lids_on_rims(head, neutral, replace(seen, expression=expression))
     mouth_rim = rims[list(RIMS["mouth"]), :2]
     inter_ocular = inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
     skin = cheek_colour(photo.pixels, face.landmarks, float(inter_ocular))
     tooth = None if skin is None else measure_teeth(photo.pixels, mouth_rim, skin)
     teeth_seen = skin is None or tooth is not None
-    expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen, exact="mouth" in seen.exact)
+    expression = lips_on_rim(head, neutral, replace(seen, expression=expression), teeth_seen)
     expression = as_seen_side(head, expression, camera)
     vertices = head.expressed(neutral, expression)
     if skin is not None and (teeth := part_vertices(head, UPPER_ROW)).size:

@@ -193,17 +193,8 @@ NAMES = (
 # fmt: on
 
 
-@dataclass(frozen=True)
-class Scores:
-    """What the Face Landmarker says of one face.
-
-    Attributes:
-        points: (478, 2) photo pixels, the last ten on the irises.
-        units: score in [0, 1] by ARKit name; there is none of tongueOut.
-    """
-
-    points: Float64
-    units: dict[str, float]
+Scores = dict[str, float]
+"""Score in [0, 1] of each ARKit unit; there is none of tongueOut."""
 
 
 class Landmarker:
@@ -231,5 +222,4 @@ class Landmarker:
         except NumericFault as fault:
             log.warning("the expression is not scored: %s", fault)
             return None
-        units = {name: float(score) for name, score in zip(NAMES, scores, strict=True) if name != "_neutral"}
-        return Scores(region.to_photo(points, SCORED_SIDE), units)
+        return {name: float(score) for name, score in zip(NAMES, scores, strict=True) if name != "_neutral"}

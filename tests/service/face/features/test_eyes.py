@@ -25,6 +25,13 @@ def camera(yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0) 
     return Camera(1000, 1000, FOCAL, np.array([500.0, 500.0]), rotation, np.array([0.0, 0.0, 1.0]))
 
 
+def lids(
+    head: HeadModel, neutral: np.ndarray, start: np.ndarray, view: Camera, landmarks: np.ndarray,
+    exact: Sequence[str] = (),
+) -> np.ndarray:  # fmt: skip
+    return lids_on_rims(head, neutral, SeenRims(start, view, landmarks, frozenset(exact)))
+
+
 def opening(head: HeadModel, vertices: np.ndarray, view: Camera, side: str, place: np.ndarray) -> np.ndarray:
     """(2, n) pixel rows of upper and lower edge at pixel columns, of an upright head seen from the front."""
     edges = lid_edges(head, side)
@@ -64,7 +71,7 @@ def shown(head: HeadModel, vertices: np.ndarray, view: Camera) -> np.ndarray:
 def test_lids_end_where_the_rim_is(head: HeadModel, truth: dict[str, float], start: dict[str, float]) -> None:
     """Whatever the landmark fit had made of them. A wrong sign or a row behind the lid leaves millimetres."""
     view, true = camera(), units(head, **truth)
-    found = lids_on_rims(head, head.mean, units(head, **start), view, shown(head, head.shape(np.zeros(0), true), view))
+    found = lids(head, head.mean, units(head, **start), view, shown(head, head.shape(np.zeros(0), true), view))
     assert (found >= 0).all() and (found <= 1).all()
     for side in SIDES:
         middle = view.project(head.mean[head.region(f"eyelid_{side}") > 0.5])[:, 0].mean()
@@ -80,7 +87,7 @@ def test_both_sides_and_all_views_agree(head: HeadModel) -> None:
     upright = camera()
     rim = shown(head, head.shape(np.zeros(0), true), upright)
     for view in (upright, camera(roll_deg=30), camera(yaw_deg=20), camera(pitch_deg=12)):
-        found = lids_on_rims(head, head.mean, np.zeros(len(true)), view, _seen_from(head, rim, upright, view))
+        found = lids(head, head.mean, np.zeros(len(true)), view, _seen_from(head, rim, upright, view))
         assert found[wide] == pytest.approx([0.8, 0.8], abs=0.3)
 
 
@@ -104,14 +111,14 @@ def test_what_cannot_be_read_changes_nothing(head: HeadModel) -> None:
     point[:] = 500.0
     missing[:] = np.nan
     for landmarks, view in ((point, camera()), (missing, camera()), (good, camera(yaw_deg=80)), (good, camera(180))):
-        assert np.array_equal(lids_on_rims(head, head.mean, before, view, landmarks), before)
+        assert np.array_equal(lids(head, head.mean, before, view, landmarks), before)
     wild = good.copy()
     wild[:, 1] *= 1e6
-    found = lids_on_rims(head, head.mean, before, camera(), wild)
+    found = lids(head, head.mean, before, camera(), wild)
     assert np.isfinite(found).all() and (found >= 0).all() and (found <= 1).all()
     toy = sphere_head(24, 48)
     none = np.zeros(len(toy.expression))
-    assert np.array_equal(lids_on_rims(toy, toy.mean, none, camera(), good), none)
+    assert np.array_equal(lids(toy, toy.mean, none, camera(), good), none)
     assert lid_edges(toy, "left") is None
 
 
@@ -157,7 +164,7 @@ def test_an_eye_that_lies_elsewhere_is_opened_as_far(
     true = units(head, **truth)
     landmarks, view, start = rims(head, true, right_mm, up_mm, tilt), camera(), np.zeros(len(true))
     neutral = placed(head, start, view, landmarks)
-    found = lids_on_rims(head, neutral, start, view, landmarks, SIDES)
+    found = lids(head, neutral, start, view, landmarks, SIDES)
     vertices = neutral + np.tensordot(found, head.expression, 1)
     assert np.abs(heights(head, vertices) - heights(head, head.shape(np.zeros(0), true))).max() < 0.6
     if truth == {"eyeBlink": 0.3}:  # the whole eye lies where the photo has it
@@ -176,7 +183,7 @@ def test_a_closed_eye_is_closed(head: HeadModel, start: dict[str, float]) -> Non
     """Half a millimetre is what the network leaves between closed lids; an iris would be painted there."""
     landmarks = rims(head, units(head, eyeBlink=0.94), 0.0, -1.0)
     before = units(head, **start)
-    found = lids_on_rims(head, head.mean, before, camera(), landmarks, SIDES)
+    found = lids(head, head.mean, before, camera(), landmarks, SIDES)
     assert (found >= 0).all() and (found <= 1).all()
     assert heights(head, head.shape(np.zeros(0), found)).max() < 0.1
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from service.face.features.eyes import SeenRims
 from service.face.features.mouth import UNITS, lips_on_rim, with_mouth_shut
+from service.face.features.rims import RIMS
 from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
@@ -43,6 +45,16 @@ def gap_mm(head: HeadModel, expression: np.ndarray) -> float:
     return float((lower - upper)[2:-2].mean()) * 1e3 / FOCAL
 
 
+def lips(
+    head: HeadModel, neutral: np.ndarray, start: np.ndarray, view: Camera, points: np.ndarray, teeth_seen: bool,
+    exact: bool = False,
+) -> np.ndarray:  # fmt: skip
+    landmarks = np.zeros((468, 2))
+    landmarks[list(RIMS["mouth"])] = points
+    seen = SeenRims(start, view, landmarks, frozenset({"mouth"} if exact else ()))
+    return lips_on_rim(head, neutral, seen, teeth_seen)
+
+
 @pytest.mark.parametrize("apart_mm", [2.5, 3.5])
 @pytest.mark.parametrize(
     "wrong", [{"mouthUpperUp": 0.25}, {"mouthLowerDown": 0.3}, {"mouthUpperUp": 0.3, "mouthSmile": 0.3}]
@@ -51,7 +63,7 @@ def test_a_closed_mouth_is_closed(head: HeadModel, wrong: dict[str, float], apar
     """A millimetre of teeth shows between lips that the photo shows closed, however far apart the network has them."""
     before = units(head, **wrong)
     assert gap_mm(head, before) > 0.5
-    after = lips_on_rim(head, head.mean, before, VIEW, rim(head, np.zeros(len(before)), apart_mm), teeth_seen=False)
+    after = lips(head, head.mean, before, VIEW, rim(head, np.zeros(len(before)), apart_mm), teeth_seen=False)
     assert gap_mm(head, after) < 0.35
     others = [k for k, name in enumerate(head.expression_names) if name not in UNITS]
     assert np.array_equal(after[others], before[others])
@@ -63,7 +75,7 @@ def test_an_open_mouth_stays_open_and_is_brought_to_its_height(head: HeadModel) 
     true = units(head, jawOpen=0.25, mouthUpperUp=0.4)
     start = units(head, jawOpen=0.25)
     for teeth in (True, False):
-        after = lips_on_rim(head, head.mean, start, VIEW, rim(head, true, 2.0), teeth_seen=teeth)
+        after = lips(head, head.mean, start, VIEW, rim(head, true, 2.0), teeth_seen=teeth)
         assert gap_mm(head, after) == pytest.approx(gap_mm(head, true), abs=1.0)
         assert abs(gap_mm(head, after) - gap_mm(head, true)) < 0.6 * abs(gap_mm(head, start) - gap_mm(head, true))
 
@@ -74,12 +86,12 @@ def test_what_cannot_be_read_changes_nothing(head: HeadModel) -> None:
     good = rim(head, before)
     behind = Camera(1000, 1000, FOCAL, VIEW.principal_point, np.diag([1.0, 1.0, 1.0]), VIEW.translation)
     for points, view in ((np.full((20, 2), 500.0), VIEW), (np.full((20, 2), np.nan), VIEW), (good, behind)):
-        assert np.array_equal(lips_on_rim(head, head.mean, before, view, points, teeth_seen=False), before)
+        assert np.array_equal(lips(head, head.mean, before, view, points, teeth_seen=False), before)
     toy = sphere_head(24, 48)
     none = np.zeros(len(toy.expression))
-    assert np.array_equal(lips_on_rim(toy, toy.mean, none, VIEW, good, teeth_seen=True), none)
+    assert np.array_equal(lips(toy, toy.mean, none, VIEW, good, teeth_seen=True), none)
     assert lip_edges(toy) is None
-    wild = lips_on_rim(head, head.mean, before, VIEW, good * [[1.0, 1e6]], teeth_seen=True)
+    wild = lips(head, head.mean, before, VIEW, good * [[1.0, 1e6]], teeth_seen=True)
     assert np.isfinite(wild).all() and (wild >= 0).all() and (wild <= 1).all()
 
 
@@ -88,7 +100,7 @@ def test_a_shut_mouth_seals(head: HeadModel, jaw: float) -> None:
     """Units that press or roll the lips cannot seal them: a line of teeth was left between shut lips."""
     before = units(head, mouthUpperUp=0.2, mouthLowerDown=0.2, jawOpen=jaw)
     shut = rim(head, units(head))
-    found = lips_on_rim(head, head.mean, before, VIEW, shut, teeth_seen=True, exact=True)
+    found = lips(head, head.mean, before, VIEW, shut, teeth_seen=True, exact=True)
     upper, lower = opening(head, found)
     assert (lower - upper).max() < 0.2e-3 * FOCAL
 
@@ -100,7 +112,7 @@ def test_the_jaw_opens_a_mouth_whose_edges_were_read(head: HeadModel, jaw: float
     start = units(head, jawOpen=0.4 * jaw)
     wide = gap_mm(head, true)
     exact, loose = (
-        gap_mm(head, lips_on_rim(head, head.mean, start, VIEW, rim(head, true), teeth_seen=True, exact=given))
+        gap_mm(head, lips(head, head.mean, start, VIEW, rim(head, true), teeth_seen=True, exact=given))
         for given in (True, False)
     )
     assert exact == pytest.approx(wide, abs=1.5)

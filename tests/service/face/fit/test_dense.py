@@ -13,7 +13,7 @@ from service.face.fit.fit import FitSettings
 from service.face.fit.fit_face import fit_face
 from service.face.fit.landmark_fit import RIGID, LandmarkModel, extended, modes
 from service.face.fit.solver import POSE, State
-from service.face.reading.openings import EYE, STATIONS, Opening, Scores
+from service.face.reading.openings import EYE, STATIONS, Opening
 from service.face.reading.part_labels import PARTS, SKIN
 from service.face.reading.reader import CELLS, PART_CELLS, Reading, crop_of
 from service.geometry.camera import Camera, ahead, exp_rotation
@@ -217,13 +217,13 @@ def test_scores_decide_what_points_leave_open(head: HeadModel) -> None:
     face, photo, reading = seen(head, np.asarray(head.mean, np.float64))
     unit, points = head.expression_names.index("cheekPuff"), FitSettings(refine="landmarks")
     scored = [
-        fit_face(face, photo, head, points, replace(reading, scores=Scores(face.landmarks, units)))
+        fit_face(face, photo, head, points, replace(reading, scores=units))
         for units in ({"cheekPuff": 0.0}, {"cheekPuff": 0.8}, {"nobody's unit": 1.0})
     ]
     without, puffed, unknown = (fit.expression[unit] for fit in scored)
     assert puffed > without + 0.2
     assert abs(unknown - fit_face(face, photo, head, points).expression[unit]) < 1e-9
-    ignored = replace(reading, scores=Scores(face.landmarks, {"cheekPuff": 0.8}))
+    ignored = replace(reading, scores={"cheekPuff": 0.8})
     without_scores = fit_face(face, photo, head, FitSettings(refine="landmarks", scores=False), ignored)
     assert abs(without_scores.expression[unit] - unknown) < 1e-9
 
