@@ -19,8 +19,6 @@ import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
-import httpx
-
 from service.errors import UsageError
 from service.jobs import telemetry
 from service.jobs.database import now
@@ -139,6 +137,8 @@ def send(where: Target, name: str, moment: int, body: bytes, secret: bytes, *, p
     Raises:
         OSError: there is no way there, it may not be gone, time is over, or what answers is no HTTP.
     """
+    import httpx  # here only: what takes requests has nothing to fetch with
+
     address = resolved(where, private=private)
     headers = {
         "Host": f"{where.host}:{where.port}", "Content-Type": "application/json", "User-Agent": "avatarme",
