@@ -17,7 +17,7 @@ import typer
 from export.faces.registry import MODELS, register
 from export.networks.convert import LICENCE, OPSET, rounded
 from export.networks.whole import convert
-from models.networks.hair import CELL, COUNTS, SIDE, HairReader
+from models.networks.hair import CELL, COUNTS, LEAST_WAY, SIDE, HairReader
 from models.people.shards import UNKNOWN
 from models.training.hair import calibration_set
 from models.training.reader import shards
@@ -26,8 +26,8 @@ from service.errors import ModelFault
 from service.hair.kinds import KINDS
 
 OUTPUTS = ("mask", "direction", "spread", "kinds", "ends")
-SCALES = {"mask": 20.0, "kinds": 20.0}
-"""What the difference is divided by where an output is not of about [-1, 1]."""
+SCALES = {"mask": 20.0, "kinds": 20.0, "direction": 1 / LEAST_WAY}
+"""What the difference is divided by where an output is not of about [-1, 1], or enlarges what it is made from."""
 SHARPNESS = tuple(0.1 * k for k in range(3, 21))
 """Factors of the logits that are tried."""
 
