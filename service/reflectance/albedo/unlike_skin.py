@@ -10,6 +10,8 @@ that a shadow with a hard edge goes as a whole, and pores, freckles, lines and m
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -70,8 +72,8 @@ def within_bounds(light: Float32, texture: Float32, lit: Float32, prior: AlbedoP
         trust = judged * np.exp(-np.square(np.abs(excess).max(0) / np.float32(DOUBT)))
     wide = blurred(judged, AROUND)
     shared = np.stack([blurred(p * judged, AROUND) for p in excess]) / np.maximum(wide, np.float32(1e-3))
-    field = judged * excess + (1 - judged) * shared * np.minimum(4 * wide, 1)
-    return np.asarray(light + _colours(field), np.float32)
+    field: Any = judged * excess + (1 - judged) * shared * np.minimum(4 * wide, 1)
+    return np.asarray(light + _colours(np.asarray(field, np.float32)), np.float32)
 
 
 def _of_usual_hue(prior: AlbedoPrior, shape: tuple[int, ...]) -> Float32:
