@@ -147,11 +147,11 @@ def application(fake: Fake) -> Starlette:
         return JSONResponse(fake.quality)
 
     async def post(request: Request) -> Response:
-        form = await request.form()
+        async with request.form() as form:
+            options, *photos = [await part.read() for _, part in form.multi_items() if not isinstance(part, str)]
         if fake.refuse is not None:
             content, fake.refuse = fake.refuse, None
             return refused(content)
-        options, *photos = [await part.read() for _, part in form.multi_items() if not isinstance(part, str)]
         name = fake.post(json.loads(options), photos)
         return JSONResponse(fake.state(name, 1), 202, {"Location": f"/v1/avatars/{name}"})
 

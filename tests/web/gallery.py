@@ -87,7 +87,7 @@ def framed(page: Page, width: int, height: int, background: str = STUDIO) -> Non
 
 def take(page: Page) -> None:
     """All pictures that the viewer shows."""
-    framed(page, *(side // 2 for side in WIDE))
+    framed(page, WIDE[0] // 2, WIDE[1] // 2)
     page.check("input[name=drag][value=photo]", force=True)
     page.evaluate("document.getElementById('view').style.setProperty('--at', '0%')")
     save(grab(page, WIDE), "head")

@@ -20,7 +20,9 @@ export function picturesPanel(scene: HeadScene, signal: AbortSignal): HTMLElemen
   const panel = group("Pictures", false);
   panel.element.id = "pictures";
   const picture = button("Save picture", () => {
-    void scene.picture(behind()).then((blob) => save(URL.createObjectURL(blob), "head.png"));
+    const made = document.createElement("canvas");
+    scene.capture((canvas) => copy(canvas, made));
+    made.toBlob((blob) => blob && save(URL.createObjectURL(blob), "head.png"), "image/png");
   });
   const table = button("Turntable", () => spin(!scene.spinning));
   const spin = (on: boolean) => {
@@ -35,7 +37,7 @@ export function picturesPanel(scene: HeadScene, signal: AbortSignal): HTMLElemen
       film.disabled = true;
       film.textContent = `Filming ${TURN_S} s`;
       spin(true);
-      void recorded(byId<HTMLCanvasElement>("canvas"), type, signal)
+      void recorded(scene, type, signal)
         .then((blob) => save(URL.createObjectURL(blob), `head.${type.split("/")[1]}`))
         .catch((error: Error) => signal.aborted || (byId("view-status").textContent = `The film could not be saved: ${error.message}`))
         .finally(() => {
@@ -58,27 +60,49 @@ export function picturesPanel(scene: HeadScene, signal: AbortSignal): HTMLElemen
   return panel.element;
 }
 
-/** Centre and rim of the page's gradient where a picture is to have it. */
-function behind(): [string, string] | null {
-  if (document.querySelector<HTMLInputElement>("input[name=background]:checked")?.value !== "") return null;
-  const style = getComputedStyle(document.documentElement);
-  return [style.getPropertyValue("--view-centre"), style.getPropertyValue("--view-rim")];
+/** Copies what the canvas shows, over the page's gradient where a picture is to have it. */
+function copy(from: HTMLCanvasElement, to: HTMLCanvasElement): void {
+  const { width, height } = from;
+  if (to.width !== width) to.width = width;
+  if (to.height !== height) to.height = height;
+  const brush = to.getContext("2d")!;
+  brush.clearRect(0, 0, width, height);
+  if (document.querySelector<HTMLInputElement>("input[name=background]:checked")?.value === "") {
+    const style = getComputedStyle(document.documentElement);
+    const fill = brush.createRadialGradient(width / 2, 0.42 * height, 0, width / 2, 0.42 * height, 0.6 * Math.hypot(width, height));
+    for (const [at, name] of ["--view-centre", "--view-rim"].entries()) fill.addColorStop(at, style.getPropertyValue(name).trim());
+    brush.fillStyle = fill;
+    brush.fillRect(0, 0, width, height);
+  }
+  brush.drawImage(from, 0, 0);
 }
 
-function recorded(canvas: HTMLCanvasElement, mimeType: string, signal: AbortSignal): Promise<Blob> {
-  return new Promise((resolve, reject) => {
-    const recorder = new MediaRecorder(canvas.captureStream(30), { mimeType, videoBitsPerSecond: 12_000_000 });
+/** Films copies of what is drawn: of a WebGL canvas itself some browsers film nothing, and none what lies behind it. */
+function recorded(scene: HeadScene, mimeType: string, signal: AbortSignal): Promise<Blob> {
+  const film = document.createElement("canvas");
+  scene.capture((canvas) => copy(canvas, film));
+  const stream = film.captureStream(30);
+  const track = stream.getVideoTracks()[0] as CanvasCaptureMediaStreamTrack;
+  scene.drawn = (canvas) => {
+    copy(canvas, film);
+    track.requestFrame?.(); // where it is left out, each change is a frame
+  };
+  return new Promise<Blob>((resolve, reject) => {
+    const recorder = new MediaRecorder(stream, { mimeType, videoBitsPerSecond: 12_000_000 });
     const parts: Blob[] = [];
     recorder.ondataavailable = (event) => parts.push(event.data);
     recorder.onstop = () => {
-      const film = new Blob(parts, { type: mimeType });
-      if (film.size && !signal.aborted) resolve(film);
+      const made = new Blob(parts, { type: mimeType });
+      if (made.size && !signal.aborted) resolve(made);
       else reject(signal.reason ?? new Error("this browser recorded nothing"));
     };
-    recorder.onerror = () => reject(new Error("the film could not be recorded"));
+    recorder.onerror = () => reject(new Error("it could not be recorded"));
     recorder.start(1000); // in pieces: an encoder that lags would give nothing at the end
     const timer = window.setTimeout(() => recorder.stop(), 1000 * TURN_S);
     signal.addEventListener("abort", () => (window.clearTimeout(timer), recorder.stop()), { once: true });
+  }).finally(() => {
+    scene.drawn = () => undefined;
+    track.stop();
   });
 }
 

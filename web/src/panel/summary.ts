@@ -38,7 +38,7 @@ export function summary(job: Job, manifest: Manifest): HTMLElement {
   const section = make("section", { class: "summary", "aria-labelledby": "summary-title" });
   const { hair, options } = manifest;
   const verdicts = [faceInWords(manifest.fit?.identity_similarity ?? null)];
-  if (hair) verdicts.push(hairInWords(hair, (options?.hair ?? "auto") !== "auto"));
+  if (hair?.kind) verdicts.push(hairInWords(hair, (options?.hair ?? "auto") !== "auto"));
   const title = make("h2", { id: "summary-title" }, ...verdicts.map((text) => make("span", {}, text)));
   section.append(title, make("p", {}, manifest.fit ? sentences(manifest.fit) : "Made from a texture and a mesh."));
   const codes = new Set([...job.warnings, ...(manifest.fit?.warnings ?? []), ...(manifest.warnings ?? []), ...(manifest.hair?.doubts ?? [])]);

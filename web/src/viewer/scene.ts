@@ -36,6 +36,8 @@ export class HeadScene {
   expression: Record<string, number> = {};
   photoExpression: Record<string, number> = {};
   lightMoved: () => void = () => undefined;
+  /** Told of each frame while the canvas still has it. */
+  drawn: (canvas: HTMLCanvasElement) => void = () => undefined;
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
   private readonly camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.05, 10);
@@ -206,20 +208,10 @@ export class HeadScene {
     this.draw();
   }
 
-  /** A PNG of what is seen, over a gradient from the centre to the rim if there is one. */
-  picture(gradient: [string, string] | null): Promise<Blob> {
-    this.render(); // what was drawn before is gone
-    const { width, height } = this.canvas;
-    const made = Object.assign(document.createElement("canvas"), { width, height });
-    const brush = made.getContext("2d")!;
-    if (gradient) {
-      const fill = brush.createRadialGradient(width / 2, 0.42 * height, 0, width / 2, 0.42 * height, 0.6 * Math.hypot(width, height));
-      gradient.forEach((colour, at) => fill.addColorStop(at, colour.trim()));
-      brush.fillStyle = fill;
-      brush.fillRect(0, 0, width, height);
-    }
-    brush.drawImage(this.canvas, 0, 0);
-    return new Promise((resolve, reject) => made.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("no picture"))), "image/png"));
+  /** Has what is seen now copied; of what was drawn before the canvas has nothing left. */
+  capture(copy: (canvas: HTMLCanvasElement) => void): void {
+    this.render();
+    copy(this.canvas);
   }
 
   dispose(): void {
@@ -256,6 +248,7 @@ export class HeadScene {
     const camera = this.throughPhoto ? this.photoCamera : this.camera;
     this.lighting.place(camera, this.centre, this.controls.getAzimuthalAngle());
     this.renderer.render(this.scene, camera);
+    this.drawn(this.canvas);
     this.canvas.dataset.frames = String(this.renderer.info.render.frame);
   }
 
