@@ -221,7 +221,7 @@ def worn_items(tailor: Tailor, assets: Path, folders: dict[str, str], side: int)
     return items
 
 
-def write_items(items: list[Item], fitted_head: Float, path: Path) -> None:
+def write_items(items: list[Item], fitted_head: npt.NDArray[np.floating[Any]], path: Path) -> None:
     """Write a file; positions are rounded to 10 micrometres. The same items give the same bytes."""
     arrays: dict[str, npt.NDArray[Any]] = {"fitted_head": np.asarray(fitted_head, np.float32)}
     for i in items:
