@@ -190,7 +190,7 @@ def _hanging(
     if wish is not None:
         own, sure = wish(place, roots.normal)
         comb = unit(comb * (1 - sure[:, None]) + own * sure[:, None])
-    parted = 0.35 * np.exp(-np.square(_from_parting(style, roots) / 0.012)) if style.parting != "none" else 0.0
+    parted = 0.15 * np.exp(-np.square(_from_parting(style, roots) / 0.012)) if style.parting != "none" else 0.0
     rising = np.clip(style.lift + parted, 0, 1)[..., None] if style.parting != "none" else style.lift
     heading = unit(rising * roots.normal + (1.02 - rising) * comb)
     points = [place]

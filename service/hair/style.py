@@ -199,6 +199,8 @@ def style_from_json(values: dict[str, Any]) -> Style:
     return Style(**{**values, "melanin": Melanin(**melanin)})
 
 
+STANDS_MM = 45.0
+"""Length up to which random hair is combed up."""
 _ENDS: Mapping[str, tuple[float, float]] = {
     "bob": (-0.175, -0.055), "curly": (-0.26, -0.06), "long_wavy": (-0.42, -0.17)
 }  # fmt: skip
@@ -242,6 +244,8 @@ def sample_style(seed: int) -> Style:
     elif base.kind in ("crop", "side_part", "slicked_back"):
         changes["curl"] = str(rng.choice(["1", "1", "1", "2a", "3b", "4a"]))
         changes["combing"] = str(rng.choice([base.combing, base.combing, "up", "forward", "forward", "side"]))
+        if changes["combing"] == "up":  # longer hair does not stand by itself
+            changes |= {name: min(float(str(changes[name])), STANDS_MM) for name in ("top_mm", "fringe_mm")}
         if changes["combing"] == "forward" and base.kind != "crop":  # hangs over the forehead
             changes |= {"fringe_mm": float(rng.uniform(45, 95)), "parting": "none", "kind": f"{base.kind}_fringe"}
         changes["fade"] = _near(base.fade, 0.25, rng)
