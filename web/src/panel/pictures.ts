@@ -7,6 +7,9 @@ import { group } from "./group";
 
 const TURN_S = 10;
 
+/** Degrees between two frames of a film at most: a slow machine takes longer for it. */
+const LARGEST_STEP = 6;
+
 /** Colours behind the head; "" is the page's own gradient, "none" lets a saved picture be transparent there. */
 const BACKGROUNDS: [title: string, colour: string][] = [
   ["Studio", ""],
@@ -35,13 +38,12 @@ export function picturesPanel(scene: HeadScene, signal: AbortSignal): HTMLElemen
   if (type) {
     const film = button("Save turntable", () => {
       film.disabled = true;
-      film.textContent = `Filming ${TURN_S} s`;
-      spin(true);
+      film.textContent = "Filming";
+      spin(false);
       void recorded(scene, type, signal)
         .then((blob) => save(URL.createObjectURL(blob), `head.${type.split("/")[1]}`))
         .catch((error: Error) => signal.aborted || (byId("view-status").textContent = `The film could not be saved: ${error.message}`))
         .finally(() => {
-          spin(false);
           film.disabled = false;
           film.textContent = "Save turntable";
         });
@@ -83,10 +85,6 @@ function recorded(scene: HeadScene, mimeType: string, signal: AbortSignal): Prom
   scene.capture((canvas) => copy(canvas, film));
   const stream = film.captureStream(30);
   const track = stream.getVideoTracks()[0] as CanvasCaptureMediaStreamTrack;
-  scene.drawn = (canvas) => {
-    copy(canvas, film);
-    track.requestFrame?.(); // where it is left out, each change is a frame
-  };
   return new Promise<Blob>((resolve, reject) => {
     const recorder = new MediaRecorder(stream, { mimeType, videoBitsPerSecond: 12_000_000 });
     const parts: Blob[] = [];
@@ -98,8 +96,18 @@ function recorded(scene: HeadScene, mimeType: string, signal: AbortSignal): Prom
     };
     recorder.onerror = () => reject(new Error("it could not be recorded"));
     recorder.start(1000); // in pieces: an encoder that lags would give nothing at the end
-    const timer = window.setTimeout(() => recorder.stop(), 1000 * TURN_S);
-    signal.addEventListener("abort", () => (window.clearTimeout(timer), recorder.stop()), { once: true });
+    signal.addEventListener("abort", () => recorder.state === "recording" && recorder.stop(), { once: true });
+    let [turned, last] = [0, performance.now()];
+    scene.drawn = (canvas) => {
+      if (recorder.state !== "recording") return;
+      copy(canvas, film);
+      track.requestFrame?.(); // where it is left out, each change is a frame
+      if (turned >= 360) return recorder.stop();
+      const step = Math.min((360 / TURN_S) * ((performance.now() - last) / 1000), LARGEST_STEP, 360 - turned);
+      [turned, last] = [turned + step, performance.now()];
+      requestAnimationFrame(() => scene.turn(step, 0));
+    };
+    scene.draw();
   }).finally(() => {
     scene.drawn = () => undefined;
     track.stop();
