@@ -241,7 +241,8 @@ def test_service_imports_without_torch() -> None:
 
 def test_the_command_line_starts_without_numeric_libraries() -> None:
     """`avatarme --help` must not pay for numpy, OpenCV or onnxruntime."""
-    program = "import sys, service.cli.app; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    listed = "print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    program = f"import sys; from service.cli.app import app; app(['--help'], standalone_mode=False); {listed}"
     child = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     heavy = {"numpy", "scipy", "cv2", "onnxruntime", "PIL", "trimesh", "rich", "httpx"}
     assert not heavy & set(child.stdout.split())

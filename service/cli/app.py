@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import functools
 import os
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from service import __version__
 from service.cli.failures import reported
@@ -28,7 +30,7 @@ PLAIN: dict[str, Any] = {
 
 
 class Commands(TyperGroup):
-    """The commands, each made from its function when it is asked for."""
+    """The commands, each made from its function when it is asked for; the list of them imports none."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names in the order of the help."""
@@ -48,6 +50,21 @@ class Commands(TyperGroup):
         alone = typer.Typer(**PLAIN)
         alone.command(cmd_name)(run)
         return typer.main.get_command(alone)
+
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the names and the first sentence of each function's docstring."""
+        limit = formatter.width - 6 - max(map(len, COMMANDS))
+        with formatter.section("Commands"):
+            plain = {name: TyperCommand(name, help=_docstring(name)) for name in COMMANDS}
+            formatter.write_dl([(name, one.get_short_help_str(limit)) for name, one in plain.items()])
+
+
+def _docstring(name: str) -> str:
+    """Of a command, from its module's source."""
+    source = ast.parse((Path(__file__).parent / f"{COMMANDS[name]}.py").read_text("utf-8"))
+    found = next(one for one in source.body if isinstance(one, ast.FunctionDef) and one.name == name)
+    return ast.get_docstring(found) or ""
 
 
 app = typer.Typer(
