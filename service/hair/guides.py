@@ -107,10 +107,10 @@ def combed(style: Style, points: Float32, outwards: Float32, side: Float32, frin
     """
     from_crown = points - CROWN
     ahead, up = np.array([0, 0, 1], np.float32), np.array([0, 1, 0], np.float32)
-    natural = from_crown + 0.5 * np.cross(outwards, from_crown)
+    swirl = from_crown + 0.5 * np.cross(outwards, from_crown)
     # On the whorl itself all directions meet; there hair lies backwards, as it does on most heads.
-    natural = natural - 0.03 * np.exp(-np.square(np.linalg.norm(from_crown, axis=1, keepdims=True) / 0.03)) * ahead
-    natural = unit(natural)
+    swirl = swirl - 0.03 * np.exp(-np.square(np.linalg.norm(from_crown, axis=1, keepdims=True) / 0.03)) * ahead
+    natural = unit(swirl)
     sideways = side[:, None] * np.array([1, 0, 0], np.float32)
     front = _step(-0.09, -0.02, points[:, 2])[:, None]
     match style.combing:

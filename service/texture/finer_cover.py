@@ -71,7 +71,7 @@ def _followed(chart: Chart, colour: Float32, weight: Float32, parts: Float32, zo
     seen = (weight > 0).astype(np.float32)
     shown = chart.spread(np.concatenate([opponents * seen[:, None], seen[:, None]], 1).astype(np.float32))
     soft = np.stack([blurred(shown[..., k], 1.0) for k in range(4)], -1)
-    values = soft[..., :3] / np.maximum(soft[..., 3:], np.float32(1e-3))
+    values = np.asarray(soft[..., :3] / np.maximum(soft[..., 3:], 1e-3), np.float32)
 
     def mask(chosen: Bool) -> Float32:
         return np.asarray(chart.spread(chosen[:, None].astype(np.float32))[..., 0], np.float32)
