@@ -32,7 +32,8 @@ GREY: Colour = (118, 122, 128)
 WARNING: Colour = (176, 72, 20)
 
 _WITHOUT_FONT = str.maketrans({"°": "", "·": "-", "–": "-", "²": "2"})
-What, Made = TypeVar("What"), TypeVar("Made")
+What = TypeVar("What")
+Made = TypeVar("Made")
 View = tuple[str, Image]
 
 TILE = (256, 306)
