@@ -132,8 +132,7 @@ def fixed_tuples(rows: AnyFloat | Sequence[AnyFloat], decimals: int) -> str:
         return ""
     codes, place = np.unique(np.rint(values * 10**decimals).astype(np.int64), return_inverse=True)
     words = [_shortest(code, decimals) for code in codes.tolist()]
-    ordered: list[list[int]] = place.reshape(values.shape).T.tolist()
-    columns = [map(words.__getitem__, column) for column in ordered]
+    columns = [map(words.__getitem__, column.tolist()) for column in place.reshape(values.shape).T]
     return f"({'),('.join(map(','.join, zip(*columns, strict=True)))})"
 
 
