@@ -115,6 +115,8 @@ def set_up(level: int = logging.INFO) -> None:
         logger.handlers.clear()
         logger.propagate = True
     logging.getLogger("dbos").setLevel(logging.WARNING)
+    for name in ("httpx", "httpcore"):  # they would write down whom a webhook goes to
+        logging.getLogger(name).setLevel(logging.WARNING)
     logging.getLogger("uvicorn.access").setLevel(logging.WARNING)
 
 
