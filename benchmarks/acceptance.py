@@ -205,6 +205,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if asked.size:
         options["size"] = [int(side) for side in asked.size.split("x")]
     rows = []
+    asked.out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch, ExitStack() as held:
         folder = Path(scratch)
         try:
@@ -220,8 +221,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             rows.append(look(photo, folder, server, client, browser, options))
             print(f"{photo.name}: {', '.join(rows[-1].failures) or rows[-1].refused or rows[-1].facts}", flush=True)
             (folder / f"{photo.name}.zip").unlink(missing_ok=True)
-    asked.out.parent.mkdir(parents=True, exist_ok=True)
-    asked.out.write_text(sheet(rows), encoding="utf-8")
+            asked.out.write_text(sheet(rows), encoding="utf-8")  # a run that is cut off leaves what it saw
     print(asked.out)
     raise SystemExit(1 if any(row.failures for row in rows) else 0)
 
