@@ -26,6 +26,7 @@ from models.head.digest import change_file
 from models.head.lids import find_lids
 from models.head.lips import Lips, find_lips
 from models.head.quads import Quads
+from models.head.regions import smooth
 from models.head.settle import part_members
 from service.errors import ModelFault
 from service.head.model import HeadModel
@@ -73,7 +74,7 @@ def smiling(mean: Float, unit: Float, side: float, lips: Lips, triangles: Int, r
     """
     row = mean[lips.contact]
     corner = row[np.argmax(side * row[:, 0])]
-    keep = _ease(np.linalg.norm(mean - corner, axis=1), *CHEEK_M)
+    keep = smooth(np.linalg.norm(mean - corner, axis=1), *CHEEK_M)
     keep[regions["nose"] > 0.3] = 1.0
     keep[regions["mouth_inner"] > 0.25] = HELD
     for rows in (lips.contact[:, None], lips.inner, lips.outer[:, :2]):
@@ -103,18 +104,12 @@ def puckered(mean: Float, unit: Float, lips: Lips, skin: Int, nose: Float) -> Fl
     if wide < GATHERED * np.ptp(mean[lips.contact, 0]):
         raise ModelFault(f"mouthPucker leaves the mouth {1e3 * wide:.1f} mm wide: this head's lips gather already")
     half = 0.5 * wide
-    share = (1 - _ease(cKDTree(at[lips.contact]).query(at)[0], *ROUND_M)) * (1 - nose)
+    share = (1 - smooth(cKDTree(at[lips.contact]).query(at)[0], *ROUND_M)) * (1 - nose)
     outwards = np.clip(at[:, 0] / half, -1.0, 1.0)
     out = unit.copy()
     out[skin, 0] -= (NARROWER * share * half * outwards)[skin]
     out[skin, 2] += (share * (FORWARD_M[0] + (FORWARD_M[1] - FORWARD_M[0]) * outwards**2))[skin]
     return lips.sealed(out)
-
-
-def _ease(value: Float, low: float, high: float) -> Float:
-    """(N,) smooth ramp from 0 at ``low`` to 1 at ``high``."""
-    t = np.clip((value - low) / (high - low), 0.0, 1.0)
-    return np.asarray(t * t * (3 - 2 * t))
 
 
 def mended(bases: Bases, head: HeadModel) -> Bases:

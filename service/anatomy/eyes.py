@@ -198,6 +198,7 @@ CARUNCLE_BACK_M, CARUNCLE_AT = 0.0013, 6
 CARUNCLE, LID_MARGIN = (0.43, 0.20, 0.17), (0.48, 0.28, 0.24)
 """Diffuse albedo, linear RGB, of the caruncle, and of the wet margin of the lid that is seen through the tears."""
 
+
 def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None, step: int = 1) -> tuple[MeshPart, ...]:
     """Both eyes; nothing for a head without two eyeballs.
 

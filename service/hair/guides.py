@@ -11,7 +11,7 @@ import numpy as np
 
 from service.arrays import Bool, Float32, Int64
 from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp, unit
-from service.hair.style import Style
+from service.hair.style import LOOSE, Style
 
 GUIDES, GUIDE_POINTS = 600, 32
 DEEP = np.array([0.0, 0.0, 1.0], np.float32)
@@ -89,7 +89,7 @@ def groups(style: Style, roots: Roots) -> Int64:
     parts = (
         (sides_of(style, roots) > 0) & split,
         _tied(style, roots) & (style.gather != "none"),
-        _forward(roots) & (longest > 200) & (style.gather in ("none", "half_up", "pinned")),
+        _forward(roots) & (longest > 200) & (style.gather in LOOSE),
         _fringe(roots) & (style.fringe_mm < SHORT_FRINGE * style.top_mm),
     )
     return sum((part.astype(np.int64) << bit for bit, part in enumerate(parts)), np.zeros(len(roots), np.int64))
@@ -166,7 +166,7 @@ def grow_guides(
     guides = np.zeros((len(roots), GUIDE_POINTS, 3), np.float32)
     if style.gather != "none":
         free = ~_tied(style, roots)
-        if style.gather not in ("half_up", "pinned"):
+        if style.gather not in LOOSE:
             length = np.where(free, np.minimum(length, rng.uniform(*WISP_LENGTHS_M, len(roots))), length)
         if (~free).any():
             guides[~free] = _gathered(style, roots.chosen(~free), length[~free], skin, rng)
@@ -302,7 +302,7 @@ def _gathered(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.
     tie = _ties(style, roots, skin)
     share = np.linspace(0, 1, 24, dtype=np.float32)[None, :, None]
     aside = np.zeros((len(roots), 3), np.float32)
-    if style.parting != "none" and style.gather not in ("half_up", "pinned"):
+    if style.parting != "none" and style.gather not in LOOSE:
         front = _step(1.3, 0.5, np.abs(roots.azimuth)) * _step(0.2, 0.6, roots.elevation)
         aside[:, 0] = PARTED * front * sides_of(style, roots)
     way = _round_head(roots.position, tie, share, aside)

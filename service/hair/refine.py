@@ -82,7 +82,10 @@ def refined(style: Style, sight: Sight, skin: Scalp, seed: int, read: HairReadin
     best = tried(style, sight, skin, seed, read)
     for turn in range(rounds):
         for change in _changes(0.5**turn):
-            other = tried(change(best.style), sight, skin, seed, read) if change(best.style) != best.style else best
+            changed = change(best.style)
+            if changed == best.style:
+                continue
+            other = tried(changed, sight, skin, seed, read)
             if other.loss < best.loss - KEEP:
                 best = other
     return best

@@ -12,6 +12,8 @@ import numpy as np
 from service.hair.colour import Melanin
 
 Gather = Literal["none", "ponytail", "bun", "half_up", "plait", "two_plaits", "pinned"]
+LOOSE: frozenset[Gather] = frozenset({"none", "half_up", "pinned"})
+"""Ways under which some of the hair, or all of it, still hangs."""
 Parting = Literal["none", "left", "middle", "right"]
 Combing = Literal["natural", "down", "back", "forward", "side", "up"]
 Curl = Literal["1", "2a", "2b", "2c", "3a", "3b", "3c", "4a", "4b", "4c"]
@@ -265,7 +267,7 @@ def sample_style(seed: int) -> Style:
             "frizz_mm": base.frizz_mm * float(np.exp(abs(rng.normal(0, 0.7)))),
             "wisps": float(rng.uniform(0.1, 0.7)) if rng.random() < 0.6 else 0.0,
         }  # fmt: skip
-    if gathered not in ("none", "half_up", "pinned"):
+    if gathered not in LOOSE:
         changes["parting"] = str(rng.choice(["none", "left", "middle", "right"], p=[0.5, 0.17, 0.2, 0.13]))
     return dataclasses.replace(base, **changes)  # type: ignore[arg-type]
 
