@@ -38,7 +38,7 @@ DRAFT = ["--quality", "draft", "--seed", "1"]
 _MEMORY = """
 import json, resource, sys
 from pathlib import Path
-from service.jobs.places import Place
+from service.places import Place
 from service.batch.plan import Plan, manifest_name, read_lines, report_name, text_of
 folder = Path(sys.argv[1])
 (folder / "out").mkdir()

@@ -20,8 +20,8 @@ from service.batch.display import display
 from service.batch.driver import Wanted
 from service.batch.driver import run as run_batch
 from service.batch.plan import STATE
-from service.jobs.places import place
 from service.jobs.process import Reporter, Task
+from service.places import place
 
 Order = Mapping[str, Any]
 

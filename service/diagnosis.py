@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import platform
 import resource
 import sys
@@ -11,6 +10,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+from service import machine
 from service.errors import ModelFault
 
 DATA = Path(__file__).parent / "data"
@@ -43,7 +43,7 @@ def cpu() -> dict[str, object]:
     flags = set((fields.get("flags") or fields.get("Features") or "").split())
     return {
         "model": fields.get("model name") or platform.processor() or platform.machine(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "cores": machine.processors(),
         "features": [name for name in _X86_FEATURES + _ARM_FEATURES if name in flags],
     }
 

@@ -18,8 +18,8 @@ NOT_IN_SERVICE = {"torch", "torchvision", "tensorflow", "anny", "onnx", "onnxscr
 ORDER = {
     "service": (
         # What everything stands on.
-        "errors", "arrays", "robust", "checks", "stage_cache", "levels", "map_registry", "image_filters", "colour",
-        "diagnosis", "photo", "head", "geometry", "materials", "runtime",
+        "errors", "machine", "places", "arrays", "robust", "checks", "stage_cache", "levels", "map_registry",
+        "image_filters", "colour", "diagnosis", "photo", "head", "geometry", "materials", "runtime",
         # From the photo to the maps, and their files.
         "light", "render", "face", "hair", "anatomy", "texture", "reflectance", "archive",
         # The whole way, and who asks for it.
@@ -39,7 +39,7 @@ CORE = ORDER["service"][: ORDER["service"].index("archive") + 1]
 
 _ABOVE_THE_CORE = {f"service.{room}" for room in ORDER["service"] if room not in CORE}
 
-ENGINE_OF_BATCHES = ("service.batch.", "service.jobs.process.", "service.jobs.places.")
+ENGINE_OF_BATCHES = ("service.batch.", "service.jobs.process.")
 """What draws data for training too, for ``models/drawing.py`` alone."""
 
 FORBIDDEN = {

@@ -25,9 +25,9 @@ from service.api.keys import Keys, Tenant
 from service.api.problem_responses import ProblemError, not_found
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import WORKERS, connect, create_tables, seconds_of_database
-from service.jobs.machine import memory_bytes, processors
 from service.jobs.settings import Settings
 from service.jobs.store import Row, Store
+from service.machine import memory_bytes, processors
 from service.photo.limits import Limits
 
 JOB_ID = re.compile(r"[0-9a-f]{32}\Z")

@@ -65,7 +65,7 @@ def readyz(context: Here) -> Response:
 def models() -> Response:
     """The networks and the head model."""
     from service.head.files import DEFAULT_HEAD
-    from service.jobs.artifacts import sha256_of
+    from service.places import sha256_of
     from service.runtime.network_registry import ROLES
     from service.runtime.sessions import model_table
 

@@ -17,8 +17,8 @@ from starlette.routing import Match
 from starlette.types import Scope
 
 from service.errors import AvatarError
-from service.jobs.places import StoreFault
 from service.jobs.view import from_error, problem
+from service.places import StoreFault
 
 MEDIA_TYPE = "application/problem+json"
 

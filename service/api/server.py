@@ -25,8 +25,8 @@ from service.api.app import create_app
 from service.api.keys import LOOPBACK, check_exposed, make_first_key
 from service.api.problem_responses import EXPLANATIONS, MEDIA_TYPE
 from service.jobs import logs
+from service.jobs.limits import give_back_memory, keep_private
 from service.jobs.locks import FileLock
-from service.jobs.machine import give_back_memory, keep_private
 from service.jobs.settings import Settings
 from service.jobs.view import problem
 

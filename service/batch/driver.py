@@ -28,10 +28,10 @@ from service.batch.plan import ARCHIVE, SETTLED_S, STATE, SUFFIXES, Line, Plan
 from service.batch.shards import Rounds, Shards, lasting
 from service.errors import AvatarError, UsageError
 from service.jobs.database import connect, create_tables
-from service.jobs.places import Place, place, writable
 from service.jobs.queue import Queue
 from service.jobs.settings import Settings
 from service.jobs.workflow import launch
+from service.places import Place, place, writable
 
 POLL_S = 1.0
 """Seconds between two looks at how far a round is."""

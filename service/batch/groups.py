@@ -10,8 +10,8 @@ from typing import IO
 
 from service.batch.plan import SUFFIXES
 from service.errors import UsageError
-from service.jobs.places import Entry, Place, place
 from service.photo.bundle import MOST, bundled
+from service.places import Entry, Place, place
 
 GROUPS = ("folder", "prefix")
 """How photos of one person are told: they lie in one folder, or their names have the same beginning before the last
@@ -29,7 +29,7 @@ def photos_at(address: str) -> Place:
     """The place of an address, in groups where it is one of :func:`grouped`.
 
     Raises:
-        UsageError: as :func:`service.jobs.places.place`.
+        UsageError: as :func:`service.places.place`.
     """
     for by in GROUPS:
         if address.startswith(f"by-{by}:"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -13,7 +12,6 @@ from typing import Any, Protocol
 
 from service.batch.groups import GROUP
 from service.client.client import Client, Job, canonical, idempotency_key
-from service.client.download import file_sha256
 from service.client.errors import (
     AccessDenied,
     ClientError,
@@ -21,14 +19,16 @@ from service.client.errors import (
     JobExpired,
     JobFailed,
     NoSuchJob,
+    Problem,
     ServerUnreachable,
     WaitTimedOut,
-    error_code,
+    failure,
 )
-from service.errors import AvatarError, Crashed, OutOfMemory, OutOfTime, OutputFault
+from service.errors import AvatarError, Crashed, OutOfTime, OutputFault
 from service.jobs.process import Ending, JobProcess, Task
 from service.jobs.settings import Settings
 from service.photo.bundle import unbundled
+from service.places import file_sha256
 
 LOG = "log"
 """Name of the file in the scratch folder for standard error of the process that makes a photo."""
@@ -134,40 +134,14 @@ class LocalMaker:
         """See ``Maker.close``."""
 
     def _fault(self, ending: Ending, scratch: Path) -> Exception:
-        limits = self._settings
         if ending.kind == "problem":
-            fault = Reported.of(ending.facts)
-            return Hopeless(OutputFault(fault.message)) if fault.reported_code == OutputFault.code else fault
-        if ending.kind == "time":
-            return OutOfTime(f"not done after {limits.job_seconds:g} s; --timeout allows more")
-        if ending.kind == "memory":
-            return OutOfMemory(f"it needs more than {limits.memory_mb} MiB of memory, or than this machine has")
-        how = f"exit status {ending.status}"
-        if ending.status < 0:
-            with contextlib.suppress(ValueError):
-                how = signal.Signals(-ending.status).name
-        return Crashed(f"the process that made it ended with {how}", log=_tail(scratch / LOG))
-
-
-class Reported(AvatarError):
-    """A fault that the process named; ``reported_code`` is the code of its class over there."""
-
-    code = "reported"
-    reported_code = "internal"
-
-    @classmethod
-    def of(cls, facts: Mapping[str, Any]) -> Reported:
-        """From the process's own words, as of ``service.errors.as_facts``."""
-        extra = {name: value for name, value in facts.items() if name not in ("code", "message", "status")}
-        fault = cls(str(facts["message"]), **extra)
-        fault.reported_code = str(facts["code"])
-        return fault
-
-
-def facts_of(error: AvatarError) -> dict[str, Any]:
-    """What a report says of a fault: the same code wherever the photo was made."""
-    code = error.reported_code if isinstance(error, Reported) else error_code(error)
-    return {**error.extra, "code": code, "message": error.message}
+            words = dict(ending.facts)
+            problem = Problem(int(words.pop("status")), detail=str(words.pop("message")), extensions=words)
+            return Hopeless(OutputFault(problem.message)) if problem.code == OutputFault.code else failure(problem)
+        fault = ending.fault(self._settings)
+        if isinstance(fault, OutOfTime):
+            return OutOfTime(f"{fault.message}; --timeout allows more")
+        return Crashed(fault.message, log=_tail(scratch / LOG)) if isinstance(fault, Crashed) else fault
 
 
 def _tail(log: Path) -> str:

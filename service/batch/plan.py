@@ -17,7 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from service.errors import UsageError
-from service.jobs.places import Place
+from service.places import Place
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".heic", ".heif"})
 """Files that count as photos. What they really are, their first bytes decide later."""

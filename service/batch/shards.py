@@ -18,23 +18,22 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import sqlalchemy as sa
 from dbos import DBOS
 
 from service.batch.groups import photos_at
-from service.batch.makers import Hopeless, Maker, Order, Stopped, facts_of
+from service.batch.makers import Hopeless, Maker, Order, Stopped
 from service.batch.plan import ASKED, Line, manifest_name, read_lines, report_name, text_of
-from service.client.download import file_sha256
+from service.client.errors import error_code
 from service.errors import AvatarError, Crashed, OutputFault, UnreadableInput
-from service.jobs.artifacts import sha256_of
 from service.jobs.database import FAULTS, SHARDS, patient
-from service.jobs.places import Place, StoreFault, place
 from service.jobs.process import Glance
 from service.jobs.queue import Queue
 from service.jobs.workflow import RECOVERIES, Workflows
+from service.places import Place, StoreFault, file_sha256, place, sha256_of
 
 log = logging.getLogger(__name__)
 
@@ -271,9 +270,10 @@ class Shards:
         except (Stopped, Hopeless):
             raise
         except AvatarError as error:
-            line["error"] = facts_of(error)
+            line["error"] = {**error.extra, "code": error_code(error), "message": error.message}
         except OSError as error:  # about the name of this photo or of its archive
-            line["error"] = facts_of(OutputFault(f"{photo['path']}: {(error.strerror or str(error)).lower()}"))
+            words = f"{photo['path']}: {(error.strerror or str(error)).lower()}"
+            line["error"] = {"code": OutputFault.code, "message": words}
         except Exception as error:  # a bug must cost one photo, not the night
             log.error("a photo of a batch failed", exc_info=error)
             line["error"] = {"code": "internal", "message": f"{type(error).__name__}: {error}"}
@@ -311,26 +311,14 @@ def _fetched(source: Place, name: str, scratch: Path) -> Path:
     Raises:
         UnreadableInput: it is not there (any more) or must not be read.
     """
-    if source.folder is not None:
-        try:
-            source.open(name).close()
-        except OSError as error:
-            raise UnreadableInput(f"cannot read {name}: {error.strerror}") from error
-        return source.folder / name
-    path = scratch / f"photo{PurePosixPath(name).suffix}"
 
-    def fetch() -> bool:
+    def fetch() -> Path:
         try:
-            stream = source.open(name)
-        except FileNotFoundError:
-            return False
-        with stream, path.open("wb") as target:
-            shutil.copyfileobj(stream, target)
-        return True
+            return source.local(name, scratch)
+        except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
+            raise UnreadableInput(f"cannot read {name}: {error.strerror or 'it is not there any more'}") from error
 
-    if not lasting(fetch):
-        raise UnreadableInput(f"{name} is not there any more")
-    return path
+    return lasting(fetch)
 
 
 def _report(target: Place, name: str, number: int) -> dict[str, Line]:

@@ -16,6 +16,7 @@ from service.cli.failures import INTERRUPTED, describe
 from service.cli.files import head_file
 from service.cli.flags import AVATAR, Head, Json, asked, with_flags
 from service.errors import UsageError
+from service.machine import processors
 
 if TYPE_CHECKING:
     from service.batch.driver import Tally, Wanted
@@ -105,8 +106,7 @@ def default_jobs(server: str | None) -> int:
     """Photos at the same time: here the stages use about two processors each."""
     if server is not None:
         return 4  # a server takes its time anyway
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, usable // 2)
+    return max(1, processors() // 2)
 
 
 def _part(text: str | None) -> tuple[int, int] | None:

@@ -25,6 +25,7 @@ import httpx
 from service.client.errors import DownloadFailed, ServerUnreachable, UnexpectedAnswer
 from service.client.transport import Transport, setback
 from service.errors import OutputFault
+from service.places import file_sha256
 
 _BLOCK = 1 << 20
 _LARGEST_MANIFEST = 16 << 20
@@ -181,16 +182,6 @@ def _stated_sha256(headers: httpx.Headers) -> str | None:
             return base64.b64decode(found[1], validate=True).hex()
     found = re.fullmatch(r'"(?:sha256[:-])?([0-9a-f]{64})"', headers.get("ETag", ""))
     return found[1] if found else None
-
-
-def file_sha256(path: Path) -> str:
-    """Hex sha256 of a file, read in blocks.
-
-    Raises:
-        OSError: it cannot be read.
-    """
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def check_archive(path: Path) -> None:

@@ -7,11 +7,9 @@ its folder.
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import re
-from typing import IO
 
-from service.jobs.places import Place, translated
+from service.places import Place, translated
 
 _NAME = re.compile(r"[0-9a-f]{32}/[a-z][a-z0-9_]{0,40}-[0-9a-f]{64}\.[a-z]{1,5}\Z")
 _JOB = re.compile(r"[0-9a-f]{32}\Z")
@@ -65,11 +63,3 @@ class Artifacts(Place):
 def artifact_name(job: str, kind: str, digest: str, suffix: str) -> str:
     """``<job>/<kind>-<digest>.<suffix>``."""
     return f"{job}/{kind}-{digest}.{suffix}"
-
-
-def sha256_of(stream: IO[bytes]) -> str:
-    """Hex digest of the rest of a stream."""
-    digest = hashlib.sha256()
-    while block := stream.read(1 << 20):
-        digest.update(block)
-    return digest.hexdigest()

@@ -13,12 +13,13 @@ from service import GENERATOR, pipeline
 from service.archive.pack import write_archive
 from service.diagnosis import DATA, SUMS
 from service.errors import CorruptImage
-from service.jobs.artifacts import Artifacts, sha256_of
+from service.jobs.artifacts import Artifacts
 from service.jobs.process import Reporter, Task
 from service.jobs.stage_files import FORMAT, KeptStages, kept_types
 from service.options import Options
 from service.photo.bundle import MOST, unbundled
 from service.photo.limits import Limits, read_file
+from service.places import file_sha256
 from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
 from service.stage_cache import NoCache, StageCache
 
@@ -53,11 +54,9 @@ def run(task: Task, reporter: Reporter) -> None:
     reporter.progress("pack", 0.9)
     output = Path(task.output)
     write_archive(avatar, output)
-    with output.open("rb") as stream:
-        digest = sha256_of(stream)
     reporter.done(
         {
-            "sha256": digest,
+            "sha256": file_sha256(output),
             "bytes": output.stat().st_size,
             "warnings": list(avatar.all_warnings()),
             "timings": {name: round(seconds, 4) for name, seconds in avatar.timings_s.items()},

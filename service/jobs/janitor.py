@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import sqlalchemy as sa
 
@@ -100,7 +100,13 @@ class Janitor:
         if any(time.monotonic() - since > LOST for since in self._missing.values()):
             raise LostJob(", ".join(self._missing))
 
-    def dead(self, lock: DatabaseLock) -> set[str]:
+    def others(self, connection: sa.Connection) -> dict[str, bool]:
+        """Names of the other workers, and whether they are silent or take no jobs for a fault."""
+        silent = (WORKERS.c.seen_at <= seconds_of_database(self._store.engine) - SILENT) | WORKERS.c.fault.is_not(None)
+        query = sa.select(WORKERS.c.name, silent).where(WORKERS.c.name != self._runner.settings.worker)
+        return {name: bool(is_silent) for name, is_silent in connection.execute(query)}
+
+    def dead(self, others: Mapping[str, bool], lock: DatabaseLock) -> set[str]:
         """Names of other workers that are dead.
 
         Those are it whose lock is free, which Postgres sees as soon as their connection ends; DBOS has nothing of the
@@ -109,13 +115,12 @@ class Janitor:
         their next sign of life.
 
         Args:
+            others: of :meth:`others`.
             lock: of this worker's name.
+
+        Raises:
+            sqlalchemy.exc.SQLAlchemyError: the lock may be lost.
         """
-        engine = self._store.engine
-        silent = (WORKERS.c.seen_at <= seconds_of_database(engine) - SILENT) | WORKERS.c.fault.is_not(None)
-        query = sa.select(WORKERS.c.name, silent).where(WORKERS.c.name != self._runner.settings.worker)
-        with engine.connect() as connection:
-            others = {name: bool(is_silent) for name, is_silent in connection.execute(query)}
         quiet = {name for name, is_silent in others.items() if is_silent}
         dead, self._quiet = lock.dead(others) | (quiet & self._quiet), quiet
         return dead

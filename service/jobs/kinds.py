@@ -26,6 +26,7 @@ class Kind:
         program, seconds, at_a_time: names of the settings with the module that computes it, the longest time of one,
             and how many one worker computes at the same time (0: none).
         derived: made of a finished avatar.
+        looks: how many times as long as into other queues a worker waits between two looks into this one.
         slow: of a derived kind, what to say where it took too long; ``{seconds}`` is filled in.
     """
 
@@ -37,6 +38,7 @@ class Kind:
     seconds: str
     at_a_time: str
     derived: bool = True
+    looks: float = 1.0
     slow: str = ""
 
     def limits(self, settings: Settings) -> Settings:
@@ -62,7 +64,7 @@ RENDER = Kind(
 
 EXPORT = Kind(
     name="export", place="exports", artifact="kit", file="kit.zip", program="export_program",
-    seconds="export_seconds", at_a_time="exports",
+    seconds="export_seconds", at_a_time="exports", looks=2.5,
     slow="making the kit took more than {seconds:g} s; make the avatar with smaller maps",
 )  # fmt: skip
 

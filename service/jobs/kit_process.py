@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 from service.archive.container import write_folder
@@ -23,9 +22,7 @@ def run(task: Task, reporter: Reporter) -> None:
         AvatarError: as ``service.kits.export.export_kit``.
     """
     scratch = Path(task.scratch)
-    archive = scratch / "archive.zip"
-    with Artifacts(task.artifacts).open(str(task.options["archive"])) as stored, archive.open("wb") as copy:
-        shutil.copyfileobj(stored, copy, 1 << 20)
+    archive = Artifacts(task.artifacts).local(str(task.options["archive"]), scratch)
     kit = export_kit(archive, str(task.options["request"]["for"]), scratch / "kit")
     write_folder(Path(task.output), kit.folder, kit.files)
     reporter.done({"files": kit.facts()["files"]})

@@ -65,7 +65,6 @@ class DatabaseLock:
     """
 
     def __init__(self, engine: sa.Engine, worker: str) -> None:
-        self._worker = worker
         self._connection: sa.Connection | None = None
         if engine.dialect.name == "sqlite":
             return
@@ -78,17 +77,13 @@ class DatabaseLock:
             self._connection.close()
             raise UsageError(f"there is another worker {worker!r}; give each one a name of its own", field="worker")
 
-    def check(self) -> None:
-        """Make sure that the connection, and with it the lock, still stands.
+    def dead(self, workers: Collection[str]) -> set[str]:
+        """Those of some workers whose lock nobody holds; none with SQLite, which has one worker only.
 
         Raises:
-            sqlalchemy.exc.DBAPIError: it does not; this worker may have been replaced and has to end.
+            sqlalchemy.exc.SQLAlchemyError: the connection is lost, and with it the lock: this worker may have been
+                replaced and has to end.
         """
-        if self._connection is not None:
-            self._connection.execute(sa.text("select 1"))
-
-    def dead(self, workers: Collection[str]) -> set[str]:
-        """Those of some workers whose lock nobody holds; none with SQLite, which has one worker only."""
         if self._connection is None:
             return set()
         held = set(self._connection.execute(sa.text(_HELD)).scalars())

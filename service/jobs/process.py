@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from service.errors import AvatarError, OutOfMemory, as_facts
+from service.errors import AvatarError, Crashed, OutOfMemory, OutOfTime, as_facts
 from service.jobs.settings import Settings
 
 log = logging.getLogger(__name__)
@@ -103,7 +103,7 @@ def main() -> int:
     The program is a module with a function ``run(task, reporter)`` that computes a job and says ``done``; a fault
     leaves it as an exception. What it needs it imports at its top, which is done before there is a task.
     """
-    from service.jobs.machine import end_with, limit_self
+    from service.jobs.limits import end_with, limit_self
 
     memory, seconds, niceness, parent = (float(text) for text in sys.argv[2:6])
     reporter = Reporter()
@@ -122,8 +122,8 @@ def main() -> int:
     return 0
 
 
-TICK = 0.2
-"""Seconds between two looks at cancellation, time and memory."""
+TICK, WEIGHED = 0.2, 1.0
+"""Seconds between two looks at cancellation and time, and at memory, which the system limits by itself."""
 
 _END_OF_MEMORY = (-signal.SIGKILL,)
 
@@ -156,6 +156,25 @@ class Ending:
     kind: str
     facts: dict[str, Any]
     status: int
+
+    @property
+    def starved(self) -> bool:
+        """Whether memory lacked."""
+        return self.kind == "memory" or self.facts.get("code") == OutOfMemory.code
+
+    def fault(self, limits: Settings) -> AvatarError:
+        """What became of the photo, where the process has not said so itself."""
+        if self.kind == "time":
+            return OutOfTime(f"the computation took more than {limits.job_seconds:g} s")
+        if self.starved and self.status < 0:
+            return OutOfMemory("the system ended the computation, as it does where the machine runs out of memory")
+        if self.starved:
+            return OutOfMemory(f"the computation needs more than the {limits.memory_mb} MiB that it may have")
+        how = f"exit status {self.status}"
+        if self.status < 0:
+            with contextlib.suppress(ValueError):
+                how = signal.Signals(-self.status).name
+        return Crashed(f"the computation ended with {how}")
 
 
 class JobProcess:
@@ -225,6 +244,7 @@ class JobProcess:
         deadline: float,
     ) -> Ending:
         answer: dict[str, Any] | None = None
+        too_large = Glance(self._too_large, WEIGHED)
         while True:
             with contextlib.suppress(queue.Empty):
                 message = lines.get(timeout=TICK)
@@ -238,7 +258,7 @@ class JobProcess:
                 return Ending("stopped", {}, 0)
             if time.monotonic() > deadline:
                 return Ending("time", {}, 0)
-            if self._too_large():
+            if too_large():
                 return Ending("memory", {}, 0)
 
     def _explain(self, answer: dict[str, Any] | None) -> Ending:

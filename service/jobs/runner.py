@@ -17,18 +17,19 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.errors import Crashed, ModelFault, OutOfMemory, OutOfTime
-from service.jobs.artifacts import Artifacts, artifact_name, sha256_of
+from service.errors import Crashed, ModelFault
+from service.jobs.artifacts import Artifacts, artifact_name
 from service.jobs.database import now, patient
 from service.jobs.kinds import KINDS, Kind
 from service.jobs.process import Ending, Glance, JobProcess, Task
 from service.jobs.settings import Settings
 from service.jobs.store import Row, Store
 from service.jobs.view import FINAL, from_error, from_facts, problem
+from service.places import file_sha256
 
 log = logging.getLogger(__name__)
 
-LOOK = 0.4
+LOOK = 0.7
 """Seconds between two looks at the database for a cancellation."""
 
 WRITE = 0.5
@@ -235,25 +236,19 @@ class Runner:
 
     def _problem(self, job: str, kind: Kind, ending: Ending) -> dict[str, Any] | None:
         """What a job fails for whose process ended so; None where it is worth another attempt."""
-        starved = ending.kind == "memory" or ending.facts.get("code") == OutOfMemory.code
-        if ending.kind == "problem" and not starved:
+        limits = kind.limits(self.settings)
+        if ending.kind == "problem" and not ending.starved:
             return from_facts(ending.facts)
         if ending.kind == "time":
-            seconds = kind.limits(self.settings).job_seconds
             if kind.derived:
-                return problem(f"{kind.name}-timeout", 504, kind.slow.format(seconds=seconds))
-            return from_error(OutOfTime(f"the computation took more than {seconds:g} s"))
+                return problem(f"{kind.name}-timeout", 504, kind.slow.format(seconds=limits.job_seconds))
+            return from_error(ending.fault(limits))
         log.error("the process of a job ended", extra={"job": job, "kind": ending.kind, "status": ending.status})
-        if starved:
+        if ending.starved:
             again = patient(lambda: self.store.starved(job)) < OUT_OF_MEMORY
-            return None if again else from_error(OutOfMemory(self._memory(ending)))
+            return None if again else from_error(ending.fault(limits))
         crashes = patient(lambda: self.store.crashed(job))
         return None if crashes < CRASHES else from_error(Crashed(f"the computation crashed {crashes} times"))
-
-    def _memory(self, ending: Ending) -> str:
-        if ending.status < 0:
-            return "the system ended the computation, as it does where the machine runs out of memory"
-        return f"the computation needs more than the {self.settings.memory_mb} MiB that it may have"
 
     def _once(self, row: Row, photo: Path, scratch: Path) -> Ending:
         job, kind = row["id"], KINDS[row["kind"]]
@@ -286,19 +281,11 @@ class Runner:
         """Path of the photo on this machine, None where it is gone."""
         if not row["photo"]:  # cancelled meanwhile
             return None
-        if self.artifacts.folder is not None:
-            path = self.artifacts.folder / row["photo"]
-            return path if path.exists() else None
-        path = scratch / "photo"
 
         def fetch() -> Path | None:
-            try:
-                source = self.artifacts.open(row["photo"])
-            except FileNotFoundError:
-                return None
-            with source, path.open("wb") as target:
-                shutil.copyfileobj(source, target)
-            return path
+            with contextlib.suppress(FileNotFoundError):
+                return self.artifacts.local(row["photo"], scratch)
+            return None
 
         return patient(fetch)
 
@@ -306,10 +293,10 @@ class Runner:
         kind = KINDS[row["kind"]]
         file = scratch / kind.file
         if kind.derived:
-            with file.open("rb") as stream:
-                digest = sha256_of(stream)
-            known = {"sha256": digest, "bytes": file.stat().st_size, "warnings": [], "timings": {}, "peak_rss_mb": None}
-            facts = {**known, "facts": facts}
+            facts = {
+                "sha256": file_sha256(file), "bytes": file.stat().st_size, "warnings": [], "timings": {},
+                "peak_rss_mb": None, "facts": facts,
+            }  # fmt: skip
         name = artifact_name(row["id"], kind.artifact, facts["sha256"], file.suffix.removeprefix("."))
         if file.exists():
             patient(lambda: self.artifacts.put(file, name))

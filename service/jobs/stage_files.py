@@ -18,7 +18,6 @@ import logging
 import mmap
 import os
 import secrets
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from inspect import isfunction
@@ -274,10 +273,6 @@ class KeptStages:
             FileNotFoundError: there is none.
             Damaged: as :func:`service.jobs.stage_files.unpack`.
         """
-        with self._artifacts.open(address) as stream:
-            if not self._mapped or self._artifacts.folder is not None:
-                return unpack(stream, self._kinds, mapped=self._mapped)
-            with (self._scratch / f"{secrets.token_hex(8)}.map").open("w+b") as copy:
-                shutil.copyfileobj(stream, copy)
-                copy.seek(0)
-                return unpack(copy, self._kinds, mapped=True)
+        store = self._artifacts
+        with store.local(address, self._scratch).open("rb") if self._mapped else store.open(address) as stream:
+            return unpack(stream, self._kinds, mapped=self._mapped)

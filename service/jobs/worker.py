@@ -27,8 +27,8 @@ from service.jobs.artifacts import Artifacts
 from service.jobs.database import PATIENCE, TEMPORARY_FAILURE, WORKERS, connect, create_tables, seconds_of_database
 from service.jobs.erasure import Strays
 from service.jobs.janitor import Janitor, LostJob
+from service.jobs.limits import end_with_parent, keep_private
 from service.jobs.locks import DatabaseLock, FileLock
-from service.jobs.machine import end_with_parent, keep_private
 from service.jobs.runner import Runner
 from service.jobs.settings import Settings, from_json
 from service.jobs.store import Store
@@ -85,16 +85,12 @@ class Worker:
         """What is done beside the jobs, and the seconds between two times of doing it."""
         strays = Strays(self.runner.store, self.runner.artifacts)
         return {
-            self.beat: 5.0, self._janitor.tidy: 10.0, self.take_over: 5.0, self.reconcile: 10.0,
+            self.beat: 5.0, self._janitor.tidy: 10.0, self.reconcile: 10.0,
             self._janitor.expire: 30.0, self.recheck: 30.0, strays.sweep: 600.0,
         }  # fmt: skip
 
     def beat(self) -> None:
-        """Give a sign of life, and end where the lock on the name is lost."""
-        try:
-            self._lock.check()
-        except sa.exc.SQLAlchemyError:
-            self.quit("the lock on the name may be lost")
+        """Give a sign of life, take over what dead workers were at, and end where the lock on the name is lost."""
         values = {
             "version": __version__, "ready": self._ready, "fault": self._fault,
             "seen_at": seconds_of_database(self.engine),
@@ -103,15 +99,17 @@ class Worker:
             query = sa.update(WORKERS).where(WORKERS.c.name == self.settings.worker).values(**values)
             if not connection.execute(query).rowcount:
                 connection.execute(sa.insert(WORKERS).values(name=self.settings.worker, **values))
+            others = self._janitor.others(connection)
+        try:
+            dead = self._janitor.dead(others, self._lock)
+        except sa.exc.SQLAlchemyError:
+            self.quit("the lock on the name may be lost")
+        if self._fault is None:
+            self._janitor.take_over(dead)
 
     def reconcile(self) -> None:
         """As :meth:`Janitor.reconcile`."""
         self._janitor.reconcile(working=self._fault is None)
-
-    def take_over(self) -> None:
-        """As :meth:`Janitor.take_over`; with SQLite there is one worker only."""
-        if self.engine.dialect.name != "sqlite" and self._fault is None:
-            self._janitor.take_over(self._janitor.dead(self._lock))
 
     def recheck(self) -> None:
         """Look at the data files again: while one is damaged, and when a job has said that one is.

@@ -87,7 +87,9 @@ def of_jobs(runner: Runner) -> Workflows:
     """Jobs of all kinds, and messages of their ends."""
     settings = runner.settings
     queues: dict[str, dict[str, Any]] = {
-        kind.place: {"worker_concurrency": kind.most(settings), "polling_interval_sec": settings.look_seconds}
+        kind.place: {
+            "worker_concurrency": kind.most(settings), "polling_interval_sec": kind.looks * settings.look_seconds,
+        }
         for kind in KINDS.values()
         if kind.most(settings)
     }

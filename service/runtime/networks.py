@@ -37,6 +37,7 @@ from pydantic import Strict, TypeAdapter, ValidationError
 
 from service.arrays import Float32
 from service.errors import ModelFault, OutOfMemory, UsageError
+from service.machine import processors
 from service.runtime import compiled_networks
 from service.runtime.network_registry import networks_of
 from service.runtime.sessions import (
@@ -262,7 +263,7 @@ def choose_engine(runtime: str = "auto", *, threads: int = 0, precision: str = "
     if card is not None:
         if precision == "bf16":
             raise UsageError("precision bf16 is for the processor; an accelerator computes in fp32", field="precision")
-        return Engine(cast(RuntimeName, card), "fp32", threads or _processors(), folder)
+        return Engine(cast(RuntimeName, card), "fp32", threads or processors(), folder)
     here = has_openvino()
     wide = has_bf16() or has_feature("avx512f")
     if runtime == "openvino" and not here:
@@ -275,7 +276,7 @@ def choose_engine(runtime: str = "auto", *, threads: int = 0, precision: str = "
         raise UsageError("precision bf16 needs OpenVINO and a processor with AMX or AVX-512 BF16", field="precision")
     half = precision == "bf16" or (precision == "auto" and chosen == "openvino" and bf16_pays())
     computed: Precision = "bf16" if half else "fp32"
-    return Engine(chosen, computed, threads or _processors(), folder, ENLARGING if some else frozenset())
+    return Engine(chosen, computed, threads or processors(), folder, ENLARGING if some else frozenset())
 
 
 @contextmanager
@@ -339,12 +340,6 @@ def has_feature(name: str) -> bool:
 def lacks_openvino() -> bool:
     """Whether this processor would compute several times faster if OpenVINO were installed."""
     return bf16_pays() and not has_openvino()
-
-
-def _processors() -> int:
-    import os
-
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _parse(name: str, text: str | None) -> Description:

@@ -14,11 +14,12 @@ import httpx2
 import pytest
 
 from service.archive.pack import write_archive
-from service.jobs.artifacts import artifact_name, sha256_of
+from service.jobs.artifacts import artifact_name
 from service.jobs.database import JOBS
 from service.jobs.runner import Runner
 from service.jobs.settings import Settings
 from service.kits.export import export_kit
+from service.places import sha256_of
 from tests.service.api.conftest import TOY, Api, is_problem, open_api
 from tests.service.archive.toys import whole_avatar
 

@@ -20,11 +20,12 @@ from service.api.renders_and_exports import MAX_BODY
 from service.archive.pack import archive_members
 from service.archive.reading import open_avatar
 from service.jobs import render_process
-from service.jobs.artifacts import artifact_name, sha256_of
+from service.jobs.artifacts import artifact_name
 from service.jobs.database import JOBS
 from service.jobs.kinds import RENDER
 from service.jobs.runner import Runner, task_of
 from service.jobs.settings import Settings
+from service.places import sha256_of
 from service.render.render import RenderedPicture, render_head
 from service.render.request import RenderRequest
 from service.render.surface import ROLES

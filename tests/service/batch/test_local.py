@@ -21,9 +21,9 @@ from service.batch.shards import Rounds, Shards
 from service.client.download import check_archive
 from service.errors import Crashed, OutputFault, UsageError
 from service.jobs.database import connect, create_tables
-from service.jobs.places import Place
 from service.jobs.queue import Queue
 from service.jobs.settings import Settings
+from service.places import Place
 from tests.service.batch.conftest import Folders
 
 ROOT = Path(__file__).parents[3]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from service.batch.plan import REPORT, REPORTS, Plan
-from service.jobs.places import Place
+from service.places import Place
 
 
 def touch(folder: Path, *names: str) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from service.batch.shards import _fetched
 from service.errors import UnreadableInput, UsageError
-from service.jobs.places import place
+from service.places import place
 from tests.service.batch.conftest import Folders
 from tests.service.jobs.s3 import serve
 
@@ -25,7 +25,7 @@ def bucket() -> Iterator[Any]:
 
 def test_a_batch_in_a_store(folders: Folders, bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages of one name: what is listed must come from all of them."""
-    monkeypatch.setattr("service.jobs.places.PAGE", 1)
+    monkeypatch.setattr("service.places.PAGE", 1)
     for name, word in (("a.jpg", "good"), ("sub/b.png", "corrupt"), (".hidden.jpg", "good"), ("x/../y.jpg", "good")):
         bucket.pipe_file(f"bucket/photos/{name}", word.encode())
     places = {"source": "s3://bucket/photos", "out": "s3://bucket/photos/out"}

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from service.jobs.machine import memory_bytes, processors
+from service.machine import memory_bytes, processors
 
 _PROGRAM = """
 import os, sys, threading
-from service.jobs.machine import give_back_memory
+from service.jobs.limits import give_back_memory
 from service.jobs.process import resident_mb
 if sys.argv[1] == "yes":
     give_back_memory()

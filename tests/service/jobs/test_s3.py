@@ -18,8 +18,8 @@ from service.client.client import Client
 from service.jobs import database
 from service.jobs.artifacts import Artifacts, artifact_name
 from service.jobs.erasure import STRAY, Strays
-from service.jobs.places import StoreFault
 from service.jobs.runner import Runner
+from service.places import StoreFault
 from tests.service.api.conftest import GOOD, Api, is_problem, open_api
 from tests.service.jobs.conftest import Bench
 from tests.service.jobs.processes import WITHIN

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import io
 import os
 import secrets
@@ -226,6 +227,16 @@ class Place:
         with self.open(name) as stream:
             return stream.read()
 
+    def local(self, name: str, folder: Path) -> Path:
+        """Path of a file on this machine: its own, or that of a copy in a folder; raises as :meth:`open`."""
+        with self.open(name) as stream:
+            if self.folder is not None:
+                return Path(self._path(name))
+            path = folder / f"{secrets.token_hex(8)}{PurePosixPath(name).suffix}"
+            with path.open("wb") as target:
+                shutil.copyfileobj(stream, target, BLOCK)
+            return path
+
     def put(self, source: Path, name: str, *, durable: bool = True) -> None:
         """Move a local file here; on the disk when this returns, unless it need not be ``durable``."""
         path = self._path(name)
@@ -300,6 +311,17 @@ def writable(where: Place) -> Iterator[None]:
         yield
     except OSError as error:
         raise OutputFault(f"cannot write {where.address}: {(error.strerror or str(error)).lower()}") from error
+
+
+def sha256_of(stream: IO[bytes]) -> str:
+    """Hex digest of the rest of a stream."""
+    return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]  # it asks for less than it says
+
+
+def file_sha256(path: Path) -> str:
+    """Hex digest of a file; OSError where it cannot be read."""
+    with path.open("rb") as stream:
+        return sha256_of(stream)
 
 
 def _seconds(facts: Any) -> float:
