@@ -3,13 +3,13 @@
 Eyes between their lids, and teeth, gums and tongue between the lips, are lit by the sky in the directions that lids,
 brows, nose, lips and they themselves leave open, and by each lamp so far as it is seen. In the other directions stands
 flesh, which sends back what it receives. They mirror what is left. Hair is lit as strands (``service.render.strands``).
-Lashes and bust have the light of the open: they throw no shadow, neither on each other nor on the head.
+The bust has what head and hair leave of the light, as the neck above it has. Lashes have the light of the open.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,7 +24,7 @@ from service.light.scene import Triple
 from service.materials.material import Material
 from service.materials.part import MeshPart, part_triangles
 from service.render.draw import HIDDEN, RECESSES, DrawnHead, SeenHead, SeenPart, open_light, recess_of
-from service.render.strands import HairVolume, StrandLight
+from service.render.strands import BIAS, HairVolume, StrandLight
 from service.render.visibility import Occluders, VisibilityDetail
 
 GRAIN_M = 0.0006
@@ -36,6 +36,8 @@ REACH_MM = 40.0
 """Distance from a part's centre up to which geometry casts shadows on it; brows, nose and lids lie within."""
 MOST_FLESH = 0.9
 """Largest albedo of what stands around; with 1 light would never leave a closed mouth."""
+CLEAR_M = 0.004
+"""Height over parts in the open at which light is computed: they meet the head, whose points are a cell wide."""
 AROUND_M = 0.004
 """Width of the rim of skin around a recess whose light counts."""
 
@@ -102,10 +104,10 @@ class Arriving:
         total = (self.irradiance + hidden * outer * radiosity) / (1 - hidden * inner)
         return np.asarray(total, np.float32), np.asarray(outer * radiosity + inner * total, np.float32)
 
-    def between(self, nodes: Nodes) -> Arriving:
-        """The same at all points of a grid."""
+    def between(self, read: Callable[[Float32], Float32]) -> Arriving:
+        """The same at F points, whose values ``read`` interpolates: (F, C) of (N, C)."""
         whole = np.concatenate([self.irradiance, self.openness[:, None], self.mirror[:, None], self.lamps], 1)
-        found = nodes.read(whole)
+        found = read(whole)
         return Arriving(found[:, :3], found[:, 3], found[:, 4], found[:, 5:])
 
 
@@ -143,12 +145,13 @@ class RecessLight:
     viewpoint: Triple
     hair: HairVolume | None = None
 
-    def light_parts(self, seen: SeenHead, skin: Float32) -> None:
+    def light_parts(self, seen: SeenHead, skin: Float32, whole: tuple[Occluders, Occluders]) -> None:
         """Set the radiance of all fragments.
 
         Args:
             seen: the fragments.
             skin: (N, 6) albedo and radiosity of the points on the head.
+            whole: the head and what is opaque beside it, as casters of sharp shadows and of soft ones.
         """
         recesses: dict[str, list[tuple[SeenPart, Bool]]] = {name: [] for name in RECESSES}
         eye = np.array(self.viewpoint, np.float32)
@@ -160,6 +163,8 @@ class RecessLight:
                 if one.part.name not in shares:
                     shares[one.part.name] = strands.shares(one.part)
                 strands.lit(one, one.along, shares[one.part.name], visible)
+            elif where is None and one.part.material.alpha == "opaque":
+                self._light_outside(one, visible, whole)
             elif where is None:
                 lit = open_light(self.light, self.graphs, one.part.vertices, one.drawn.normals)
                 one.radiance = one.colour * one.between(lit)
@@ -170,6 +175,18 @@ class RecessLight:
                 own = [one.part for one in seen.model.parts if recess_of(one.part.name) == name]
                 around = surroundings(own, seen.model, self.detail.recess_mm, self.graphs)
                 self._light_recess(inside, around, skin_around(own, seen.position_m, skin))
+
+    def _light_outside(self, one: SeenPart, visible: Bool, whole: tuple[Occluders, Occluders]) -> None:
+        """Light a part in the open: by the sky at its vertices, by lamps, whose shadows are sharp, at each fragment."""
+        own = np.concatenate([one.part.vertices, one.drawn.normals], 1).astype(np.float32)
+        place, facing = np.split(own, 2, 1)
+        hair = None if self.hair is None else self.hair.alone
+        there = self.from_sky(place + np.float32(CLEAR_M) * facing, facing, whole[1], hair)
+        there = there.between(lambda values: one.between(values)[visible])
+        point, normal = np.split(one.between(own)[visible], 2, 1)
+        normal = normalise(normal).astype(np.float32)
+        there = self.with_lamps(there, point + np.float32(CLEAR_M) * normal, normal, whole[0], hair)
+        self._shine(one, visible, point, normal, there)
 
     def _light_recess(self, inside: Sequence[tuple[SeenPart, Bool]], around: Occluders, skin: Float32) -> None:
         places = []
@@ -186,20 +203,36 @@ class RecessLight:
             part = slice(first, first + len(nodes.index))
             first = part.stop
             there = Arriving(whole.irradiance[part], whole.openness[part], whole.mirror[part], whole.lamps[part])
-            there = there.between(nodes)
+            self._shine(one, visible, point, normal, there.between(nodes.read), skin)
+
+    def _shine(
+        self, one: SeenPart, visible: Bool, point: Float32, normal: Float32, there: Arriving,
+        skin: Float32 | None = None,
+    ) -> None:  # fmt: skip
+        """Set the radiance of the visible fragments, F of them, at points (F, 3) with unit normals; ``skin`` (6,) is
+        albedo and radiosity of that around a recess.
+        """
+        arriving, flesh = there.irradiance, np.zeros_like(point)
+        if skin is not None:
             arriving, flesh = there.with_flesh(skin[:3], skin[3:])
-            mirrored, kept = self._glossy(point, normal, there, one.part.material, flesh)
-            diffuse = one.colour[visible] * arriving / np.float32(np.pi)
-            one.radiance[visible] = diffuse * kept[:, None] + mirrored
+        mirrored, kept = self._glossy(point, normal, there, one.part.material, flesh)
+        one.radiance[visible] = one.colour[visible] * arriving / np.float32(np.pi) * kept[:, None] + mirrored
 
     def arriving(self, points: Float32, normals: Float32, around: Occluders) -> Arriving:
         """What reaches points (N, 3), metres, with unit normals; the plan says whether anything hides sky and lamps."""
-        light, plan, count = self.light, self.plan, self.detail.directions
-        at = np.ascontiguousarray(np.concatenate([points * np.float32(1000), normals], 1).T)
-        total, lamps = np.zeros((len(points), 3), np.float32), np.ones((len(points), len(light.lights)), np.float32)
+        return self.with_lamps(self.from_sky(points, normals, around), points, normals, around)
+
+    def from_sky(
+        self, points: Float32, normals: Float32, around: Occluders, hair: HairVolume | None = None
+    ) -> Arriving:
+        """As :meth:`arriving`, of the sky alone; ``hair`` stands before it, too."""
+        light, count = self.light, self.detail.directions
+        total, lamps = np.zeros((len(points), 3), np.float32), np.ones((len(points), 0), np.float32)
         openness = mirror = np.ones(len(points), np.float32)
-        if not light.dark and plan.runs("occlusion"):
-            seen = around.sky(count, at).T * np.float32(1 / 255)
+        if not light.dark and self.plan.runs("occlusion"):
+            seen = around.sky(count, _at(points, normals)).T * np.float32(1 / 255)
+            if hair is not None:
+                seen *= hair.from_sky(points * np.float32(1000), count, BIAS["skin"]).T
             directions = spread_directions(count).astype(np.float32)
             facing = seen * np.maximum(normals @ directions.T, 0)
             total = facing @ flux_by_direction(light.sky, count).astype(np.float32)
@@ -210,12 +243,22 @@ class RecessLight:
             mirror = np.asarray((weights * seen).sum(1), np.float32)
         elif not light.dark:
             total = irradiance(project(light.sky), normals).astype(np.float32)
-        for i, lamp in enumerate(light.lights):
-            if plan.runs("shadows", i):
+        return Arriving(total, openness, mirror, lamps)
+
+    def with_lamps(
+        self, sky: Arriving, points: Float32, normals: Float32, around: Occluders, hair: HairVolume | None = None
+    ) -> Arriving:
+        """The same points with the light of the lamps."""
+        at, total = _at(points, normals), sky.irradiance
+        lamps = np.ones((len(points), len(self.light.lights)), np.float32)
+        for i, lamp in enumerate(self.light.lights):
+            if self.plan.runs("shadows", i):
                 lamps[:, i] = around.lamp(around.places(lamp), at)
+                if hair is not None:
+                    lamps[:, i] *= hair.from_lamp(points * np.float32(1000), lamp, BIAS["skin"])
             given = {"position": at[:3], "normal": at[3:], "shade": np.ascontiguousarray(lamps[:, i])}
             total = total + self.graphs.at_points("irradiance", given, **lamp_numbers(lamp)).T
-        return Arriving(np.asarray(total, np.float32), openness, mirror, lamps)
+        return replace(sky, irradiance=np.asarray(total, np.float32), lamps=lamps)
 
     @cached_property
     def _levels(self) -> Float32 | None:
@@ -253,6 +296,11 @@ class RecessLight:
                 at = common | {"position": position, "shade": np.ascontiguousarray(there.lamps[:, i])}
                 total += self.graphs.at_points("highlight", at, **lamp_numbers(lamp))
         return np.asarray(total.T, np.float32), np.asarray(1 - part, np.float32)
+
+
+def _at(points: Float32, normals: Float32) -> Float32:
+    """(6, N) position in mm and unit normal of points (N, 3), metres."""
+    return np.ascontiguousarray(np.concatenate([points * np.float32(1000), normals], 1).T)
 
 
 def skin_around(parts: Sequence[MeshPart], positions: Float32, values: Float32) -> Float32:

@@ -28,7 +28,7 @@ from service.light.samples import AZIMUTHS, Index, SurfaceSamples, survey
 from service.light.scene import BRIGHT, Response, Scene, Triple, exposed_for
 from service.light.shading import Shading, develop
 from service.materials.part import MeshPart, framed
-from service.render.draw import DrawnHead, SeenHead, see
+from service.render.draw import DrawnHead, SeenHead, recess_of, see
 from service.render.recess import RecessLight
 from service.render.request import RenderRequest
 from service.render.shade import Clock, HeadShader
@@ -40,7 +40,7 @@ from service.render.visibility import Visibility, VisibilityDetail
 NO_RELIEF = "relief-shadows-not-simulated"
 """Fallback: displacement maps are not read, as the decode gate returns 8 bits, too few for relief."""
 NO_SHADOWS = "part-shadows-not-simulated"
-"""Fallback: bust, lashes and other parts than hair throw no shadows in the picture."""
+"""Fallback: lashes and brows throw no shadows in the picture."""
 
 COUNT = 384
 """Samples of the skin for the planner."""
@@ -147,7 +147,7 @@ def render_head(
     camera = camera or camera_at(viewpoint, framed(vertices, parts), *request.size)
     model = DrawnHead.of(head, vertices, parts)
     head = model.head
-    fallbacks = (NO_SHADOWS,) if any(part.material.anisotropy <= 0 for part in parts) else ()
+    fallbacks = (NO_SHADOWS,) if any(part.material.alpha == "blend" for part in parts) else ()
     size = _chart_size(head, vertices, camera, detail.narrowest)
     with clock.step("maps"):
         if kept.surface is None or kept.surface.specular.shape[1] < size[0]:
@@ -158,7 +158,8 @@ def render_head(
     if kept.visibility is None:
         kept.hair = HairVolume.of(model.parts, vertices, head.triangles)
         alone = None if kept.hair is None else kept.hair.alone
-        kept.visibility = Visibility(head, vertices, Graphs(threads), detail, alone)
+        beside = tuple(part for part in parts if part.material.alpha == "opaque" and recess_of(part.name) is None)
+        kept.visibility = Visibility(head, vertices, Graphs(threads), detail, alone, beside)
     visibility = kept.visibility
     graphs = visibility.graphs
     with clock.step("sky"):
@@ -175,7 +176,7 @@ def render_head(
     radiance = np.maximum(radiance, 0.0)
     with clock.step("parts"):
         skin = np.concatenate([seen.read(surface.albedo), np.float32(np.pi) * radiance], 1)
-        RecessLight(light, chosen, graphs, detail, viewpoint, kept.hair).light_parts(seen, skin)
+        RecessLight(light, chosen, graphs, detail, viewpoint, kept.hair).light_parts(seen, skin, visibility.casters)
     with clock.step("develop"):
         picture, covered = seen.resolved(radiance)
         background = None

@@ -14,6 +14,7 @@ from service.head.model import HeadModel
 from service.light.environment import flux_by_direction, spread_directions
 from service.light.formulas import Graphs, disc_of
 from service.light.scene import PointLight
+from service.materials.part import MeshPart, part_triangles
 from service.render.strands import BIAS, HairVolume
 
 Size = tuple[int, int]
@@ -90,6 +91,7 @@ class Visibility:
         graphs: the formulas.
         detail: the resolution.
         hair: shades the head; None on one without.
+        beside: opaque parts in the open, which cast shadows as the head does: its bust.
     """
 
     head: HeadModel
@@ -97,13 +99,20 @@ class Visibility:
     graphs: Graphs
     detail: VisibilityDetail = VisibilityDetail()
     hair: HairVolume | None = None
+    beside: tuple[MeshPart, ...] = ()
 
     @cached_property
-    def _casters(self) -> tuple[Occluders, ...]:
+    def casters(self) -> tuple[Occluders, Occluders]:
         """What casts hard shadows, and what casts soft ones and hides the sky."""
-        millimetres = np.asarray(self.vertices) * 1000.0
-        clouds = [(surface_points(millimetres, self.head.triangles, mm), mm) for mm in self.detail.casters_mm]
-        return tuple(Occluders(np.ascontiguousarray(cloud.T), mm, self.graphs) for cloud, mm in clouds)
+        meshes = [(self.vertices, self.head.triangles)]
+        meshes += [(part.vertices, part_triangles(part.polygons)) for part in self.beside]
+
+        def cloud(spacing_mm: float) -> Occluders:
+            points = [surface_points(np.asarray(at) * 1000.0, triangles, spacing_mm) for at, triangles in meshes]
+            return Occluders(np.ascontiguousarray(np.concatenate(points).T), spacing_mm, self.graphs)
+
+        hard, soft = self.detail.casters_mm
+        return cloud(hard), cloud(soft)
 
     @cached_property
     def _lamp_points(self) -> tuple[Chart, Float32]:
@@ -116,7 +125,7 @@ class Visibility:
         """(D, h, w) visibility of each direction, 255 = fully visible; takes about 2 s."""
         chart = Chart.build(self.head, *self.detail.sky_size)
         at = _points(chart, self.vertices)
-        seen = self._casters[1].sky(self.detail.directions, at)
+        seen = self.casters[1].sky(self.detail.directions, at)
         if self.hair is not None:
             through = self.hair.from_sky(at[:3].T, self.detail.directions, BIAS["skin"])
             seen = np.rint(seen * through).astype(np.uint8)
@@ -139,8 +148,8 @@ class Visibility:
     def shadow(self, light: PointLight, size: Size) -> Float32:
         """(H, W) visible share of a lamp in [0, 1]."""
         chart, points = self._lamp_points
-        places = self._casters[0].places(light)
-        reached = self._casters[len(places) > 1].lamp(places, points)
+        places = self.casters[0].places(light)
+        reached = self.casters[len(places) > 1].lamp(places, points)
         if self.hair is not None:
             reached = reached * self.hair.from_lamp(points[:3].T, light, BIAS["skin"])
         return np.clip(_resized(chart.fill_outside(chart.spread(reached[:, None])), size)[..., 0], 0.0, 1.0)

@@ -76,9 +76,9 @@ def test_the_bust_leaves_the_neck_in_its_tangent_planes() -> None:
     assert turn(area_normals(plain, item.triangles)[at]) > 15, "without: a kink"
     assert turn(area_normals(bust.neutral, bust.faces)[at]) < 10
     np.testing.assert_allclose(bust.neutral[at], fit.neutral[of], atol=2e-5)
-    # Far from the seam the shoulders are the base mesh's.
+    # Far from the seam the shoulders are the base mesh's, less its corners.
     far = np.flatnonzero(np.abs(plain[:, 0]) > 0.15)
-    np.testing.assert_array_equal(bust.neutral[far], plain[far])
+    assert np.linalg.norm(bust.neutral[far] - plain[far], axis=1).max() < 0.008
 
 
 def test_lashes_let_light_into_the_eye() -> None:

@@ -16,6 +16,7 @@ from service.archive.reading import open_avatar, unpack_texture
 from service.archive.rendering import smoothed
 from service.errors import BadArchive
 from service.head.files import load_head
+from service.light.scene import PointLight
 from service.materials.material import ChartMap, Material, OwnMap
 from service.materials.part import MeshPart
 from service.render.draw import DrawnHead, see, without_parts
@@ -39,7 +40,7 @@ def sheet(z: float, code: tuple[int, int, int, int]) -> MeshPart:
 def middle(*parts: MeshPart) -> np.ndarray:
     request = RenderRequest(scene=scene(EVEN), size=(48, 56), samples=1, background="transparent")
     made = render_head(HEAD, HEAD.mean, albedo(), request, threads=1, detail=ROUGH, parts=parts)
-    assert (NO_SHADOWS in made.fallbacks) == bool(parts)
+    assert (NO_SHADOWS in made.fallbacks) == any(part.material.alpha == "blend" for part in parts)
     return np.asarray(made.light[28, 24])
 
 
@@ -70,6 +71,24 @@ def test_a_part_that_goes_on_from_the_head_leaves_no_gap() -> None:
     inside = cv2.erode((whole.covered == 1).astype(np.uint8), np.ones((5, 5))) > 0  # the outline is smoothed
     assert inside.sum() > 1000
     np.testing.assert_allclose(split.covered[inside], 1.0, atol=1e-6)
+
+
+def test_the_bust_lies_in_the_shadow_of_the_head() -> None:
+    """It had the light of the open, and was paler than the neck above it."""
+    level = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]], np.float32) * np.float32(0.3)
+    chest = level + np.array([0, HEAD.mean[:, 1].min(), 0], np.float32)
+    grey = Material("bust", (0.5, 0.5, 0.5), roughness=0.9)
+    part = MeshPart("bust", chest, chest, np.array([[0, 1, 2, 3]], np.int32), np.zeros((4, 2), np.float32), grey)
+    lamp = PointLight((0.0, 1.0, 0.0), (1.0, 1.0, 1.0), 0.0)
+    request = RenderRequest(scene=scene(None, lamp), size=(48, 48), tolerance=0.0)
+    camera = camera_at((0.0, 1.2, 1.2), chest, *request.size)
+    shadowed, lit = (
+        render_head(
+            HEAD, HEAD.mean, albedo(), request, threads=1, detail=ROUGH, parts=(part,), without=without, camera=camera
+        ).light.mean(2)
+        for without in ((), ("shadows",))
+    )
+    assert ((lit > 0.1) & (shadowed < 0.01)).sum() > 10
 
 
 def test_the_heads_own_eyes_teeth_and_tongue_are_drawn_as_parts() -> None:
@@ -120,4 +139,4 @@ def test_a_texture_that_is_no_picture_is_refused() -> None:
 def test_a_part_without_mesh_coordinates_of_its_own_is_still_drawn() -> None:
     part = sheet(0.3, (255, 255, 255, 255))
     plain = dataclasses.replace(part, material=Material("plain", (0.0, 0.5, 0.0)))
-    assert middle(plain)[1] > 0 == middle(plain)[0]
+    assert middle(plain)[1] > 3 * middle(plain)[0]
