@@ -6,8 +6,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import os
 import secrets
 import shutil
 import tempfile
@@ -28,6 +26,7 @@ from service.batch.plan import ARCHIVE, SETTLED_S, STATE, SUFFIXES, Line, Plan
 from service.batch.shards import Rounds, Shards, lasting
 from service.errors import AvatarError, UsageError
 from service.jobs.database import connect, create_tables
+from service.jobs.locks import FileLock
 from service.jobs.queue import Queue
 from service.jobs.settings import Settings
 from service.jobs.workflow import launch
@@ -245,17 +244,10 @@ def _work(out: Place, *, alone: bool) -> Iterator[Path]:
         return
     state = out.folder / STATE
     state.mkdir(parents=True, exist_ok=True)
-    lock = os.open(state / "lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
-    try:
+    with contextlib.ExitStack() as held:
         if alone:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            held.callback(FileLock(state, "batch").release)
             for left in state.glob("work*"):  # of a run that was killed
                 shutil.rmtree(left, ignore_errors=True)
-        with tempfile.TemporaryDirectory(prefix="work", dir=state, ignore_cleanup_errors=True) as folder:
-            yield Path(folder)
-    except BlockingIOError as error:
-        raise UsageError(
-            f"another batch writes to {out.address}; wait for it or name another folder", field="out"
-        ) from error
-    finally:
-        os.close(lock)
+        work = tempfile.TemporaryDirectory(prefix="work", dir=state, ignore_cleanup_errors=True)
+        yield Path(held.enter_context(work))

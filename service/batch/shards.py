@@ -79,10 +79,7 @@ class Rounds:
         """A photo of a shard has its turn; returns how often a worker was lost with it."""
         same = SHARDS.c.at == at
         values = {"at": at, "losses": sa.case((same, SHARDS.c.losses + 1), else_=0)}
-        self._set(name, number, **values)
-        with self._engine.connect() as connection:
-            query = sa.select(SHARDS.c.losses).where(SHARDS.c.round == name, SHARDS.c.number == number)
-            return int(connection.execute(query).scalar_one_or_none() or 0)
+        return int(self._set(name, number, **values) or 0)
 
     def told(self, name: str, number: int, lines: Mapping[str, Line], *, ended: bool = False) -> None:
         """A shard got on."""
@@ -113,10 +110,10 @@ class Rounds:
         with self._engine.begin() as connection:
             connection.execute(sa.delete(SHARDS).where(SHARDS.c.round == name))
 
-    def _set(self, name: str, number: int, **values: Any) -> None:
+    def _set(self, name: str, number: int, **values: Any) -> int | None:
+        query = sa.update(SHARDS).where(SHARDS.c.round == name, SHARDS.c.number == number).values(**values)
         with self._engine.begin() as connection:
-            query = sa.update(SHARDS).where(SHARDS.c.round == name, SHARDS.c.number == number)
-            connection.execute(query.values(**values))
+            return connection.execute(query.returning(SHARDS.c.losses)).scalar_one_or_none()
 
 
 def workflow_id(name: str, number: int) -> str:

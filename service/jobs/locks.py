@@ -44,7 +44,7 @@ class FileLock:
             self._lock.acquire()
         except filelock.Timeout as error:
             raise UsageError(
-                f"{folder} is in use by another {name}; give each process a data folder or a worker name of its own",
+                f"{folder} is in use by another {name}; wait, or give each a folder or worker name of its own",
                 field="data",
             ) from error
 

@@ -54,7 +54,7 @@ def test_one_bad_photo_never_stops_the_rest(folders: Folders) -> None:
     assert {line["path"] for line in tally.failures} == lines.keys() - {"good.jpg", "grey.jpg"}
     assert sorted(path.name for path in folders.out.iterdir()) == [".batch", "good.zip", "grey.zip", "report.jsonl"]
     left = sorted(path.name for path in (folders.out / ".batch").rglob("*") if path.is_file())
-    assert left == ["batch.json", "lock"]
+    assert left == ["batch.json", "batch.lock"]
     assert folders.shown[-1] == (2, 5, 7)
 
 
