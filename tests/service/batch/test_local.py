@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import signal
 import subprocess
 import sys
@@ -18,7 +17,6 @@ from service.batch.driver import _work
 from service.batch.makers import LocalMaker, Order
 from service.batch.plan import Plan
 from service.batch.shards import Rounds, Shards
-from service.client.download import check_archive
 from service.errors import Crashed, OutputFault, UsageError
 from service.jobs.database import connect, create_tables
 from service.jobs.queue import Queue
@@ -56,25 +54,6 @@ def test_one_bad_photo_never_stops_the_rest(folders: Folders) -> None:
     left = sorted(path.name for path in (folders.out / ".batch").rglob("*") if path.is_file())
     assert left == ["batch.json", "batch.lock"]
     assert folders.shown[-1] == (2, 5, 7)
-
-
-def test_a_line_says_all_that_resume_needs(folders: Folders) -> None:
-    folders.options = {"size": [96, 64]}
-    photo = folders.photo("sub/a.png", "good")
-    folders.run()
-    line = folders.lines()["sub/a.png"]
-    archive = folders.out / line["archive"]
-    check_archive(archive)
-    assert line["archive"] == "sub/a.zip"
-    assert line["sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
-    assert line["archive_sha256"] == hashlib.sha256(archive.read_bytes()).hexdigest()
-    assert (line["outcome"], line["error"], line["options"], line["attempt"]) == (
-        "succeeded",
-        None,
-        {"size": [96, 64]},
-        1,
-    )
-    assert 0 < line["seconds"] < 20
 
 
 def test_resume_makes_again_only_what_is_not_there_and_newer(folders: Folders) -> None:
@@ -171,15 +150,6 @@ def test_a_disk_that_is_full_ends_the_batch(folders: Folders, monkeypatch: pytes
     assert (tally.made, tally.failed, tally.left) == (0, 0, 4)
 
 
-def test_a_name_that_the_disk_does_not_take_costs_one_photo(folders: Folders) -> None:
-    folders.photo(f"{'n' * 250}.jpeg", "good")
-    folders.photo(f"{'n' * 250}.jpg", "good")  # so that both archives need the longer name, too long by a letter
-    folders.photo("a.jpg", "good")
-    tally = folders.run()
-    assert (tally.made, tally.failed) == (1, 2)
-    assert tally.ended_by is None
-
-
 BATCH = """
 import sys, dataclasses
 from service.batch import driver
@@ -248,13 +218,6 @@ def test_two_programs_do_not_share_a_folder(folders: Folders) -> None:
     with _work(Place(folders.out), alone=True), pytest.raises(UsageError, match="another batch"):
         folders.run()
     assert folders.run().made == 1
-
-
-def test_a_place_that_cannot_be_written(folders: Folders) -> None:
-    folders.photo("a.jpg", "good")
-    (folders.out.parent / "file").write_text("")
-    with pytest.raises(OutputFault, match="file"):
-        folders.run(out=str(folders.out.parent / "file" / "out"))
 
 
 def test_parts_of_an_array_job_and_their_report(folders: Folders) -> None:

@@ -57,12 +57,6 @@ def test_a_folder_through_a_server(batch: Folders, fake: Fake) -> None:
     assert len(fake.requests("POST")) == 6
 
 
-def test_archives_are_kept_at_the_server_if_wanted(batch: Folders, fake: Fake) -> None:
-    photos(batch, 2)
-    batch.run(keep=True)
-    assert len(fake.jobs) == 2
-
-
 def test_one_bad_photo_never_stops_the_rest(batch: Folders, fake: Fake) -> None:
     photos(batch, 6)
     fake.fail(
@@ -80,22 +74,6 @@ def test_one_bad_photo_never_stops_the_rest(batch: Folders, fake: Fake) -> None:
     assert codes == {"too-large", "no-face", "internal"}
 
 
-def test_broken_lines_in_every_phase(batch: Folders, fake: Fake) -> None:
-    photos(batch, 3)
-    fake.fail("POST", "avatars", hang_up, hang_up)
-    fake.cut_events.extend([0, 1, 0])
-    fake.cut_archive.extend([500, 0, 1000])
-    assert batch.run().made == 3
-
-
-def test_an_archive_that_stays_damaged_is_a_failure(batch: Folders, fake: Fake) -> None:
-    photos(batch, 1)
-    fake.etag = f'"{"0" * 64}"'
-    assert batch.run().failed == 1
-    assert batch.archives() == []
-    assert batch.lines()["0.jpg"]["error"]["code"] == "download-failed"
-
-
 def test_a_photo_that_failed_is_a_new_job_for_resume(batch: Folders, fake: Fake) -> None:
     """With the same key the server would answer with the old failure for as long as it keeps it."""
     photos(batch, 1)
@@ -103,14 +81,6 @@ def test_a_photo_that_failed_is_a_new_job_for_resume(batch: Folders, fake: Fake)
     assert batch.run().failed == 1
     fake.error = None
     assert batch.run(resume=True).made == 1
-    assert len({seen.headers["Idempotency-Key"] for seen in fake.requests("POST")}) == 2
-
-
-def test_a_photo_that_the_server_has_erased_is_sent_anew(batch: Folders, fake: Fake) -> None:
-    """Some servers refuse the key of an erased job, and a batch erases what it has downloaded."""
-    photos(batch, 1)
-    fake.fail("POST", "avatars", answer(410, problem(410, "gone", "erased")))
-    assert batch.run().made == 1
     assert len({seen.headers["Idempotency-Key"] for seen in fake.requests("POST")}) == 2
 
 
@@ -132,13 +102,6 @@ def test_jobs_that_others_cancelled_are_asked_for_anew(batch: Folders, fake: Fak
 
     fake.fail("POST", "avatars", lambda request: request._submit(), better)
     assert batch.run().made == 1
-
-
-def test_jobs_that_are_always_cancelled_are_given_up(batch: Folders, fake: Fake) -> None:
-    photos(batch, 1)
-    fake.end = "cancelled"
-    assert batch.run().failed == 1
-    assert len(fake.requests("POST")) == 3
 
 
 def test_a_job_that_was_left_running_is_found_again(batch: Folders, fake: Fake) -> None:
@@ -191,13 +154,6 @@ def test_a_server_that_goes_away_ends_the_batch(batch: Folders, fake: Fake, monk
     fake.faults.clear()
     tally = batch.run(resume=True)
     assert (tally.made, tally.skipped) == (3, 1)
-
-
-def test_no_server_at_all(batch: Folders, fake: Fake) -> None:
-    photos(batch, 2)
-    fake.fail("GET", "readyz", *[hang_up] * 10)
-    with pytest.raises(ServerUnreachable):
-        batch.run()
 
 
 def test_stopping_leaves_the_job_to_the_next_run(batch: Folders, fake: Fake, tmp_path: Path) -> None:

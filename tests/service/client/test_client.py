@@ -5,22 +5,17 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
-from datetime import UTC, datetime, timedelta
-from email.utils import format_datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from service import errors
-from service.client.client import Client, Job, canonical, checked_id, idempotency_key, photo_sha256, share
+from service.client.client import Client, Job, checked_id, idempotency_key, photo_sha256
 from service.client.errors import (
     AccessDenied,
-    ClientError,
     Conflict,
     JobCancelled,
-    JobExpired,
     JobFailed,
     NoSuchJob,
     Problem,
@@ -29,9 +24,6 @@ from service.client.errors import (
     ServerUnreachable,
     UnexpectedAnswer,
     WaitTimedOut,
-    error_code,
-    failure,
-    refusal,
 )
 from service.client.transport import retry_after_s
 from service.errors import UsageError
@@ -82,12 +74,6 @@ def test_the_same_photo_and_options_are_the_same_job(client: Client, fake: Fake,
     assert idempotency_key(photo_sha256(PHOTO), "{}", 2) != idempotency_key(photo_sha256(PHOTO), "{}")
 
 
-@pytest.mark.parametrize("options", [{"seed": float("nan")}, {"maps": {1, 2}}])
-def test_options_that_json_does_not_have(options: dict[str, Any]) -> None:
-    with pytest.raises(UsageError, match="JSON"):
-        canonical(options)
-
-
 def test_a_lost_answer_makes_no_second_job(client: Client, fake: Fake) -> None:
     """The server took the photo in and its answer was lost: the second attempt has the same key."""
 
@@ -115,14 +101,6 @@ def test_busy_servers_are_asked_again_no_sooner_than_they_want(client: Client, f
     assert 7 <= slept[0] < 9 and 2 <= slept[1] < 3
     assert all(seconds <= 4.5 for seconds in slept[2:])
     assert len(slept) == 4
-
-
-def test_a_server_that_stays_busy_is_given_up(client: Client, fake: Fake, slept: list[float]) -> None:
-    fake.fail("POST", "avatars", *[answer(429, problem(429, "queue-full", "2000 jobs wait"), Retry_After="1")] * 8)
-    with pytest.raises(ServerBusy, match="2000 jobs wait") as caught:
-        client.submit(PHOTO)
-    assert caught.value.retry_after == 1
-    assert len(slept) == 7
 
 
 def test_a_server_that_asks_for_an_hour_is_given_up_at_once(client: Client, fake: Fake, slept: list[float]) -> None:
@@ -178,12 +156,6 @@ def test_nobody_there(slept: list[float]) -> None:
     with Client(address, attempts=3) as client, pytest.raises(ServerUnreachable):
         client.ready()
     assert len(slept) == 2
-
-
-def test_a_server_that_says_nothing(fake: Fake) -> None:
-    fake.fail("GET", "readyz", lambda request: time.sleep(1))
-    with Client(fake.url, attempts=1, timeout_s=0.2) as client, pytest.raises(ServerUnreachable):
-        client.ready()
 
 
 @pytest.mark.parametrize(
@@ -249,13 +221,6 @@ def test_events_go_on_where_they_were_cut(client: Client, fake: Fake) -> None:
     assert events[-1].data["state"] == "succeeded"
 
 
-def test_a_job_that_ended_while_nobody_listened(client: Client, fake: Fake) -> None:
-    fake.stages = []
-    fake.cut_events.extend([0])
-    events = list(client.events(client.submit(PHOTO).id))
-    assert [event.data["state"] for event in events] == ["succeeded"]
-
-
 @pytest.mark.parametrize(
     "handler",
     [
@@ -272,18 +237,6 @@ def test_where_no_stream_comes_through_the_client_asks(client: Client, fake: Fak
     assert done.state == "succeeded"
     assert told == [*fake.stages, ""]
     assert len(fake.requests("GET", "events")) == 1
-
-
-def test_streams_that_always_break_are_given_up_and_the_client_asks(client: Client, fake: Fake) -> None:
-    fake.stages = list("abcdefghij")
-    fake.fail("GET", "events", *[hang_up] * 100)
-    assert client.wait(client.submit(PHOTO).id).state == "succeeded"
-    assert len(fake.requests("GET", "events")) == 1
-
-
-def test_busy_with_events_is_not_the_end(client: Client, fake: Fake) -> None:
-    fake.fail("GET", "events", answer(503, Retry_After="1"))
-    assert client.wait(client.submit(PHOTO).id).state == "succeeded"
 
 
 def test_a_silent_stream_is_left(fake: Fake, slept: list[float]) -> None:
@@ -303,25 +256,6 @@ def test_a_silent_stream_is_left(fake: Fake, slept: list[float]) -> None:
         with pytest.raises(WaitTimedOut, match=job.id):
             client.wait(job.id, timeout_s=0.3)
     released.set()
-
-
-def test_the_time_is_up_while_heartbeats_come(fake: Fake) -> None:
-    def beating(request: Any) -> None:
-        request.send_response(200)
-        request.send_header("Content-Type", "text/event-stream")
-        request.end_headers()
-        for _ in range(500):
-            request.wfile.write(b": heartbeat\n\n")
-            time.sleep(0.02)
-        request.close_connection = True
-
-    fake.fail("GET", "events", beating)
-    with Client(fake.url) as client:
-        job = client.submit(PHOTO)
-        begin = time.monotonic()
-        with pytest.raises(WaitTimedOut):
-            client.wait(job.id, timeout_s=0.2)
-        assert time.monotonic() - begin < 5
 
 
 @pytest.mark.parametrize(
@@ -347,33 +281,6 @@ def test_jobs_that_are_not_there(client: Client) -> None:
     client.delete("f" * 32)
     with pytest.raises(UsageError):
         client.state("../../admin")
-
-
-@pytest.mark.parametrize("size", [1, 7, 1000])
-def test_events_do_not_depend_on_where_the_network_cuts(client: Client, fake: Fake, size: int) -> None:
-    """Line separators of Unicode inside JSON are text here; ready-made line splitters would cut the event there."""
-    stream = (
-        b'\xef\xbb\xbf: hello\n\nretry: 1500\nid: 1\nevent: progress\ndata: {"stage": "fit",\n'
-        b'data: "progress": 0.5}\n\n'
-        b'id: 2\r\nevent: note\r\ndata:{"words":"a\xe2\x80\xa8b"}\r\n\r\n'
-        b"event: note\ndata: [1]\n\nevent: note\ndata: " + b"[" * 5000 + b"\n\n"
-        b'event: state\ndata: {"state": "failed"}\n\nevent: state\ndata: {"cut": 1}\n'
-    )
-
-    def send(request: Any) -> None:
-        request.send_response(200)
-        request.send_header("Content-Type", "text/event-stream")
-        request.end_headers()
-        for start in range(0, len(stream), size):
-            request.wfile.write(stream[start : start + size])
-        request.close_connection = True
-
-    fake.fail("GET", "events", send)
-    events = list(client.events(client.submit(PHOTO).id))
-    assert [(event.name, event.data, event.id) for event in events] == [
-        ("progress", {"stage": "fit", "progress": 0.5}, "1"), ("note", {"words": "a\u2028b"}, "2"), ("note", {}, "2"),
-        ("note", {}, "2"), ("state", {"state": "failed"}, "2"),
-    ]  # fmt: skip
 
 
 def test_a_stream_without_end_does_not_fill_the_memory(client: Client, fake: Fake) -> None:
@@ -409,11 +316,6 @@ def test_retry_after(value: str, seconds: float | None) -> None:
     assert retry_after_s({}) is None
 
 
-def test_a_later_date_is_waited_for() -> None:
-    later = format_datetime(datetime.now(UTC) + timedelta(seconds=30), usegmt=True)
-    assert 28 < (retry_after_s({"Retry-After": later}) or 0) <= 30
-
-
 @pytest.mark.parametrize(
     ("content", "code"),
     [
@@ -436,54 +338,6 @@ def test_the_code_of_a_problem(content: object, code: str) -> None:
     assert parsed.message
 
 
-def test_the_photo_is_refused_by_the_same_class_as_in_a_local_run() -> None:
-    boxes = [[0, 0, 1, 1]]
-    error = failure(Problem.parse({"code": "multiple-faces", "detail": "two faces", "boxes": boxes}, 422))
-    assert type(error) is errors.MultipleFaces
-    assert (error.message, error.extra) == ("two faces", {"boxes": boxes})
-
-
-def test_the_option_that_was_wrong_is_named() -> None:
-    error = refusal(Problem.parse({"code": "usage", "detail": "seed is -1", "pointer": "/seed"}, 422))
-    assert type(error) is errors.UsageError
-    assert error.extra["field"] == "seed"
-
-
-@pytest.mark.parametrize(
-    ("status", "kind"),
-    [
-        (401, AccessDenied),
-        (403, AccessDenied),
-        (404, NoSuchJob),
-        (409, Conflict),
-        (410, JobExpired),
-        (418, Refused),
-        (429, ServerBusy),
-        (500, Refused),
-        (503, ServerBusy),
-        (507, ServerBusy),
-    ],
-)
-def test_other_refusals_by_their_status(status: int, kind: type[Refused]) -> None:
-    error = refusal(Problem.parse({"code": "whatever", "detail": "words"}, status))
-    assert type(error) is kind
-    assert error_code(error) == "whatever"
-    assert error.exit_status == 1
-    assert (error.message, error.extra) == ("words", {"status": status, "problem_code": "whatever"})
-
-
-def test_a_crash_of_the_server_is_no_fault_of_the_photo() -> None:
-    error = failure(Problem.parse({"code": "model-corrupt"}, 500))
-    assert type(error) is JobFailed
-    assert isinstance(error, ClientError)
-    assert error_code(error) == "model-corrupt"
-
-
-def test_a_state_with_members_of_tomorrow_is_read() -> None:
-    job = Job.parse({"id": "a1", "state": "running", "progress": 0.5, "stage": "fit", "new": 1, "warnings": ["w"]})
-    assert (job.id, job.progress, job.stage, job.warnings, job.ended) == ("a1", 0.5, "fit", ("w",), False)
-
-
 @pytest.mark.parametrize(
     "content", [None, [], {"id": "a", "state": "new"}, {"state": "queued"}, {"id": 5, "state": "queued"}]
 )
@@ -497,21 +351,6 @@ def test_an_id_cannot_lead_elsewhere(value: object) -> None:
     """It becomes a part of the address of the next request, which carries the API key."""
     with pytest.raises(UnexpectedAnswer):
         checked_id(value)
-
-
-@pytest.mark.parametrize(
-    ("value", "expected"), [(0.5, 0.5), (7, 1), (-1, 0), (float("nan"), 0), ("x", 0), (True, 0), (None, 0)]
-)
-def test_progress_is_a_share_whatever_comes(value: object, expected: float) -> None:
-    assert share(value) == expected
-
-
-@pytest.mark.parametrize("state", ["cancelled", "expired"])
-def test_how_a_job_ended(state: str) -> None:
-    assert isinstance(Job.parse({"id": "a", "state": state}).fault(), JobCancelled)
-    assert Job.parse({"id": "a", "state": "succeeded"}).fault() is None
-    silent = Job.parse({"id": "a", "state": "failed", "error": None}).fault()
-    assert isinstance(silent, JobFailed), "a server that does not say why has failed all the same"
 
 
 def gives(body: bytes, asked: list[dict[str, object]]) -> object:
@@ -545,12 +384,6 @@ def test_a_picture_that_takes_long_is_waited_for(client: Client, fake: Fake) -> 
 
     fake.fail("GET", "picture.png", gives_picture)
     assert client.render(JOB) == PNG
-
-
-def test_what_is_no_picture_is_noticed(client: Client, fake: Fake) -> None:
-    fake.fail("POST", "/v1/renders", gives(b"<html>", []))  # type: ignore[arg-type]
-    with pytest.raises(UnexpectedAnswer, match="PNG"):
-        client.render(JOB)
 
 
 def test_refusals_are_exceptions(client: Client, fake: Fake) -> None:

@@ -12,9 +12,8 @@ import pytest
 
 from service.client.client import Client
 from service.client.download import check_archive
-from service.client.errors import Conflict, DownloadFailed, NoSuchJob, ServerBusy, ServerUnreachable
-from service.errors import OutputFault
-from tests.service.client.fake import Fake, answer, hang_up, problem
+from service.client.errors import DownloadFailed, ServerUnreachable
+from tests.service.client.fake import Fake
 from tests.support.archives import archive
 
 
@@ -50,14 +49,6 @@ def test_every_break_goes_on_at_the_byte_where_it_was(client: Client, fake: Fake
     assert ranges(fake) == [None, "bytes=1000-", "bytes=1001-", "bytes=6001-"]
     assert told[-1] == (len(fake.archive), len(fake.archive))
     assert only(target) == ["me.zip"]
-
-
-def test_more_breaks_than_attempts_as_long_as_something_comes(
-    client: Client, fake: Fake, job: str, target: Path
-) -> None:
-    fake.cut_archive.extend([100] * 30)
-    client.download(job, target)
-    assert target.read_bytes() == fake.archive
 
 
 def test_a_line_that_brings_nothing_is_given_up_and_a_later_call_goes_on(
@@ -99,18 +90,6 @@ def test_without_a_strong_etag_nothing_is_patched_together(
     assert only(target) == ["me.zip"]
 
 
-def test_a_server_without_ranges(client: Client, fake: Fake, job: str, target: Path) -> None:
-    fake.cut_archive.append(4000)
-
-    def whole(request: Any) -> None:
-        request.headers.replace_header("Range", "nonsense")
-        request._archive()
-
-    fake.fail("GET", "archive", lambda request: request._archive(), whole)
-    client.download(job, target)
-    assert target.read_bytes() == fake.archive
-
-
 def test_a_part_from_another_place_is_thrown_away(client: Client, fake: Fake, job: str, target: Path) -> None:
     fake.cut_archive.append(4000)
 
@@ -127,20 +106,6 @@ def test_a_part_from_another_place_is_thrown_away(client: Client, fake: Fake, jo
     assert target.read_bytes() == fake.archive
 
 
-def test_busy_in_the_middle(client: Client, fake: Fake, job: str, target: Path, slept: list[float]) -> None:
-    fake.fail("GET", "archive", answer(503, problem(503, "draining"), Retry_After="9"), hang_up)
-    client.download(job, target)
-    assert target.read_bytes() == fake.archive
-    assert slept[0] >= 9
-
-
-def test_busy_for_ever(client: Client, fake: Fake, job: str, target: Path) -> None:
-    fake.fail("GET", "archive", *[answer(503, problem(503, "draining", "going down"))] * 8)
-    with pytest.raises(ServerBusy, match="going down"):
-        client.download(job, target)
-    assert only(target) == []
-
-
 def test_another_content_than_the_stated_one(client: Client, fake: Fake, job: str, target: Path) -> None:
     fake.etag = f'"{"0" * 64}"'
     target.write_bytes(b"what was there before")
@@ -150,40 +115,12 @@ def test_another_content_than_the_stated_one(client: Client, fake: Fake, job: st
     assert only(target) == ["me.zip"], "damaged bytes must not be gone on from"
 
 
-def test_a_digest_header_is_checked(client: Client, fake: Fake, job: str, target: Path) -> None:
-    wrong = {"Repr-Digest": f"sha-256=:{'A' * 43}=:", "ETag": '"1"'}
-    fake.fail("GET", "archive", *[lambda request: request.reply(200, fake.archive, wrong)] * 2)
-    with pytest.raises(DownloadFailed, match="stated"):
-        client.download(job, target)
-
-
-def test_a_file_that_is_not_that_of_the_manifest(client: Client, fake: Fake, job: str, target: Path) -> None:
-    fake.archive = archive({"a": b"content", "b": b"x"}, {"a": b"content", "b": b"y"})
-    with pytest.raises(DownloadFailed, match="b in the archive"):
-        client.download(job, target)
-    assert only(target) == []
-
-
 def test_damage_on_the_way_is_mended_by_a_second_try(client: Client, fake: Fake, job: str, target: Path) -> None:
     damaged = bytearray(fake.archive)
     damaged[2000] ^= 255
     fake.fail("GET", "archive", lambda request: request.reply(200, bytes(damaged), {"ETag": fake.etag_header()}))
     client.download(job, target)
     assert target.read_bytes() == fake.archive
-
-
-def test_too_early_and_too_late(client: Client, fake: Fake, job: str, target: Path) -> None:
-    fake.fail("GET", "archive", answer(409, problem(409, "not-ready")))
-    with pytest.raises(Conflict):
-        client.download(job, target)
-    with pytest.raises(NoSuchJob):
-        client.download("f" * 32, target)
-    assert only(target) == []
-
-
-def test_a_folder_that_is_not_there(client: Client, job: str, target: Path) -> None:
-    with pytest.raises(OutputFault, match=r"no such file"):
-        client.download(job, target.parent / "nowhere" / "me.zip")
 
 
 def test_more_bytes_than_stated(fake: Fake, job: str, target: Path, slept: list[float]) -> None:
@@ -221,19 +158,6 @@ def deflated(files: dict[str, bytes], manifest: bytes) -> bytes:
 
 
 BOMB = deflated({"a": bytes(64 << 20)}, b'{"files": [{"path": "a", "size": 5, "sha256": "00"}]}')
-
-
-def test_a_whole_archive(target: Path) -> None:
-    target.write_bytes(archive(FILES))
-    check_archive(target)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
-def test_one_that_was_cut_off(target: Path, share: float) -> None:
-    data = archive(FILES)
-    target.write_bytes(data[: int(share * len(data))])
-    with pytest.raises(DownloadFailed):
-        check_archive(target)
 
 
 def test_every_changed_bit_of_the_content_is_seen(target: Path) -> None:

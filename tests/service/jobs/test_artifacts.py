@@ -6,7 +6,7 @@ import pytest
 
 from service.jobs.artifacts import Artifacts, artifact_name
 
-JOB, OTHER = "a" * 32, "b" * 32
+JOB = "a" * 32
 DIGEST = "0" * 64
 
 
@@ -24,30 +24,6 @@ def artifacts(request: pytest.FixtureRequest, tmp_path: Path) -> Artifacts:
     made = Artifacts(root)
     made._fs.makedirs(made._root, exist_ok=True)
     return made
-
-
-def test_what_is_put_can_be_read(artifacts: Artifacts, tmp_path: Path) -> None:
-    name = artifact_name(JOB, "archive", DIGEST, "zip")
-    put(artifacts, tmp_path, name, b"0123456789")
-    assert artifacts.exists(name)
-    assert artifacts.read(name) == b"0123456789"
-    with artifacts.open(name) as stream:
-        stream.seek(4)
-        assert stream.read(3) == b"456"
-    assert artifacts.jobs() == [JOB]
-    assert artifacts.names(JOB) == [name]
-
-
-def test_sweeping_a_job_leaves_what_is_wanted_and_other_jobs(artifacts: Artifacts, tmp_path: Path) -> None:
-    photo, archive = (artifact_name(JOB, kind, DIGEST, "bin") for kind in ("photo", "archive"))
-    foreign = artifact_name(OTHER, "photo", DIGEST, "bin")
-    for name in (photo, archive, foreign):
-        put(artifacts, tmp_path, name)
-    artifacts.sweep(JOB, {archive})
-    assert (artifacts.exists(photo), artifacts.exists(archive), artifacts.exists(foreign)) == (False, True, True)
-    artifacts.sweep(JOB, set())
-    artifacts.sweep(JOB, set())
-    assert artifacts.names(JOB) == []
 
 
 @pytest.mark.parametrize(

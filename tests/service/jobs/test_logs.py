@@ -28,23 +28,6 @@ print("through", flush=True)
     assert time.monotonic() - begin < 20
 
 
-def test_what_was_left_out_is_counted_and_the_rest_is_in_order() -> None:
-    program = """
-import logging
-from service.jobs import logs
-logs.MOST_WAITING = 50
-logs.set_up()
-for number in range(5_000):
-    logging.getLogger("x").info("line", extra={"number": number})
-"""
-    run = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
-    lines = [json.loads(line) for line in run.stderr.splitlines()]
-    numbers = [line["number"] for line in lines if "number" in line]
-    lost = sum(int(line["message"].split()[0]) for line in lines if "left out" in line["message"])
-    assert numbers == sorted(numbers)
-    assert len(numbers) + lost == 5_000, "the end of a process writes what still waits"
-
-
 def test_the_last_words_of_a_process_are_written() -> None:
     program = """
 import logging, os

@@ -14,9 +14,7 @@ from typing import TYPE_CHECKING
 import httpx
 import pytest
 
-from service.jobs.admission import UNFINISHED
 from service.jobs.process import descendants
-from service.jobs.runner import LOSSES
 from tests.service.jobs.conftest import unfinished
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 from tests.support.moments import redone
@@ -101,23 +99,6 @@ def test_a_worker_may_die_at_every_point_of_a_job(
     states = [json.loads(event["body"])["state"] for event in bench.store.events(job, 0) if event["name"] == "state"]
     assert states[-1] == "succeeded"
     assert states.count("succeeded") == 1, "the end is told once"
-
-
-def test_a_job_that_ends_its_worker_again_and_again_ends_and_the_next_one_goes_on(bench: Bench) -> None:
-    bad = bench.add(seed=14)
-    for lost in (1, 2):
-        assert Worker(bench, "service.jobs.workflow:Runner._once:before").died()
-        row = bench.store.get(bad)
-        assert row is not None
-        assert (row["state"], row["losses"]) == ("running", lost)
-    bench.store.set(bad, losses=LOSSES)
-    good = bench.add(seed=15)
-    last = Worker(bench, "")
-    try:
-        wait_until(lambda: state_of(bench, bad) not in UNFINISHED and state_of(bench, good) not in UNFINISHED)
-    finally:
-        last.kill()
-    assert (state_of(bench, bad), state_of(bench, good)) == ("failed", "succeeded")
 
 
 def test_a_server_may_die_at_every_point_of_an_upload(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import signal
-import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -148,33 +147,3 @@ def test_a_job_goes_on_with_another_worker_and_what_lies_on_a_store(
     finally:
         workers.stop()
         site.close()
-
-
-def test_a_password_may_have_any_characters(tmp_path: Path) -> None:
-    """It comes in libpq's own variable, as the deployment files have it, and not in the address."""
-    import os
-    import sys
-
-    import psycopg
-
-    postgres = Postgres(tmp_path)
-    postgres.start()
-    password = "p@ss%41/w:rd?#' \\"  # noqa: S105 - of a server that lives for this test
-    try:
-        with psycopg.connect(postgres.url, autocommit=True) as connection:
-            connection.execute(psycopg.sql.SQL("alter user avatarme password {}").format(password))
-        rules = tmp_path / "postgres" / "pg_hba.conf"
-        rules.write_text("host all all 127.0.0.1/32 scram-sha-256\n")
-        postgres.stop()
-        postgres.start()
-        program = (
-            "from pathlib import Path; from service.jobs.settings import Settings; "
-            "from service.jobs.database import connect; from service.jobs.database import create_tables; import sys; "
-            "s = Settings(data=Path(sys.argv[1]), database=sys.argv[2]); create_tables(connect(s.database_url), s)"
-        )
-        command = [sys.executable, "-c", program, str(tmp_path / "data"), postgres.url]
-        for given, status in ((password, 0), ("wrong", 1)):
-            ended = subprocess.run(command, env={**os.environ, "PGPASSWORD": given}, capture_output=True, text=True)
-            assert ended.returncode == status, ended.stderr
-    finally:
-        postgres.stop("immediate")

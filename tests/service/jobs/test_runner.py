@@ -18,7 +18,6 @@ from service.jobs.settings import Settings
 from tests.support.toy_job import archive
 
 if TYPE_CHECKING:
-    from pathlib import Path
 
     from tests.service.jobs.conftest import Bench
 
@@ -80,13 +79,6 @@ def test_a_job_that_cannot_be_done_ends_with_a_problem(bench: Bench, seed: int, 
     assert (found["code"], found["status"]) == (code, status)
     assert "/etc" not in found["detail"], "words of a 5xx never come from an exception"
     assert files(bench, job) == []
-
-
-def test_one_crash_is_forgiven(bench: Bench) -> None:
-    job = bench.add(seed=106)
-    bench.run(job)
-    assert state(bench, job)["state"] == "succeeded"
-    assert state(bench, job)["crashes"] == 1
 
 
 def test_a_job_that_takes_its_worker_along_ends(bench: Bench) -> None:
@@ -184,14 +176,6 @@ def test_a_job_without_enough_memory_is_tried_once_more_with_less(bench: Bench) 
     assert json.loads(state(bench, crashed)["warnings"]) == ["toy"]
 
 
-def test_a_worker_that_ends_in_between_does_not_forget_that_memory_lacked(bench: Bench) -> None:
-    job = bench.add(seed=108)
-    bench.store.starved(job)
-    bench.run(job)
-    assert state(bench, job)["state"] == "succeeded"
-    assert state(bench, job)["starved"] == 1, "it asked for all that memory again"
-
-
 def test_time_has_an_end(bench: Bench) -> None:
     bench.runner.settings = Settings(data=bench.settings.data, program=bench.settings.program, job_seconds=1.0)
     job = bench.add(seed=103)
@@ -225,16 +209,6 @@ def test_nothing_that_a_job_started_outlives_it(bench: Bench) -> None:
     bench.runner.stop()
     assert not spare.alive()
     assert not mine & set(descendants(os.getpid()))
-
-
-def test_a_damaged_stage_is_computed_again(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    job = bench.add(seed=8)
-    outcome = bench.runner.make(job)
-    folder = bench.artifacts.folder
-    assert folder is not None
-    for stage in (folder / job).glob("stage_*"):
-        stage.write_bytes(stage.read_bytes()[:-1] + b"?")
-    assert bench.runner.make(job) == outcome
 
 
 def test_a_job_waits_for_space_and_then_goes_on(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import os
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,17 +12,13 @@ from typing import Any
 import httpx
 import pytest
 
-from service.client.client import Client
 from service.jobs import database
 from service.jobs.artifacts import Artifacts, artifact_name
-from service.jobs.erasure import STRAY, Strays
 from service.jobs.runner import Runner
 from service.places import StoreFault
 from tests.service.api.conftest import GOOD, Api, is_problem, open_api
 from tests.service.jobs.conftest import Bench
-from tests.service.jobs.processes import WITHIN
 from tests.service.jobs.s3 import S3, serve
-from tests.support.server import Server
 from tests.support.toy_job import archive
 
 JOB = "a" * 32
@@ -127,20 +121,6 @@ def test_a_whole_job_from_the_photo_to_its_end(bench: Bench) -> None:
         assert bench.artifacts.names(job) == []
         is_problem(client.get(f"{where}/archive.zip"), 410, "gone")
         runner.stop()
-
-
-def test_a_photo_whose_job_is_about_to_be_stored_is_not_taken_for_a_leftover(
-    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The photo is there before its job. Nobody asks a store for the age of it, so what is unknown stays a while."""
-    strays, name = Strays(bench.store, bench.artifacts), put(bench.artifacts, tmp_path)
-    strays.sweep()
-    assert bench.artifacts.exists(name)
-    later = time.monotonic() + STRAY
-    with monkeypatch.context() as patch:
-        patch.setattr(time, "monotonic", lambda: later)
-        strays.sweep()
-    assert not bench.artifacts.exists(name)
 
 
 def test_a_store_that_is_gone_is_a_clear_answer_and_no_loss(s3: S3, bench: Bench) -> None:
@@ -272,22 +252,3 @@ def test_the_store_gives_an_archive_out_itself(bench: Bench, s3: S3, tmp_path: P
         head = client.head(f"/v1/avatars/{job}/archive.zip", follow_redirects=False)
         assert (head.status_code, httpx.head(head.headers["location"]).status_code) == (307, 200)
         assert client.get(f"/v1/avatars/{job}/files/manifest.json").status_code == 200, "a part of an archive"
-
-
-def test_a_client_downloads_from_the_store(bench: Bench, s3: S3, tmp_path: Path) -> None:
-    """Through the redirection, with its key for the server only, whole and checked."""
-    server = Server(bench.settings.data, {
-        "artifacts": bench.settings.artifacts, "signed_downloads": "true", "keys": str(tmp_path / "keys.json"),
-        "first_key": "true",
-    })  # fmt: skip
-    server.start()
-    try:
-        key = (tmp_path / "first-key.txt").read_text().strip()
-        with Client(server.url, api_key=key) as client:
-            job = client.wait(client.submit(GOOD, {"seed": 4}).id, timeout_s=WITHIN)
-            target = tmp_path / "avatar.zip"
-            digest = client.download(job.id, target)
-        assert hashlib.sha256(target.read_bytes()).hexdigest() == digest
-        assert target.read_bytes() == archive(hashlib.sha256(GOOD).hexdigest(), 4)
-    finally:
-        server.stop()

@@ -32,8 +32,3 @@ def test_settings_reach_another_process_unchanged() -> None:
 def test_a_wrong_setting_is_named(environment: dict[str, str], words: str) -> None:
     with pytest.raises(UsageError, match=words):
         from_environment({}, environment)
-
-
-def test_one_setting_chooses_postgres() -> None:
-    assert Settings(database="postgresql://u@h/d").database_url == "postgresql+psycopg://u@h/d"
-    assert Settings(data=Path("d")).database_url.endswith("/d/jobs.sqlite")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
-import sys
 import tempfile
 import tracemalloc
 import types
@@ -23,7 +21,6 @@ from hypothesis.extra import numpy as hnp
 
 from service.jobs import stage_files as packing
 from service.jobs.artifacts import Artifacts
-from service.jobs.process import resident_mb
 from service.jobs.stage_files import Damaged, KeptStages, kept_types
 
 JOB = "a" * 32
@@ -51,19 +48,6 @@ def test_a_stage_is_computed_once(artifacts: Artifacts, tmp_path: Path, mapped: 
     assert first.flags.writeable != mapped, "only what is mapped stays in its file"
     assert again.flags.writeable != mapped
     assert told == ["one"]
-
-
-def test_a_stage_that_cannot_be_mapped_goes_on_in_memory(
-    artifacts: Artifacts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The disk is full: less memory was a wish, the result is not."""
-
-    def fail(*a: Any, **b: Any) -> None:
-        raise OSError(28, "full")
-
-    stages = KeptStages(artifacts, JOB, "basis", {}, tmp_path, mapped=True)
-    monkeypatch.setattr(artifacts, "put", fail)
-    assert np.array_equal(stages.get_or_compute("one", lambda: np.ones(3)), np.ones(3))
 
 
 @pytest.mark.slow
@@ -171,13 +155,6 @@ def test_arrays_keep_kind_shape_bytes_and_order(array: np.ndarray) -> None:
         assert back.flags.f_contiguous == laid.flags.f_contiguous
 
 
-@pytest.mark.parametrize("value", [np.float32(1.5), np.int64(-3), (1, (2.5, "x"), [None, True]), {"a": {"b": ()}}])
-def test_numbers_and_containers_keep_their_kind(value: object) -> None:
-    back = unpack(pack(value, {}), {})
-    assert back == value
-    assert type(back) is type(value)
-
-
 @settings(deadline=None)  # another program may have the processor
 @given(st.data())
 def test_every_change_and_every_cut_is_noticed(data: st.DataObject) -> None:
@@ -189,12 +166,6 @@ def test_every_change_and_every_cut_is_noticed(data: st.DataObject) -> None:
     for broken in (bytes(flipped), packed[:at], packed + b"x"):
         with pytest.raises(Damaged):
             unpack(broken, {})
-
-
-def test_a_class_that_is_gone_is_damage() -> None:
-    """After an upgrade the stages of an older version may name what there is no more."""
-    with pytest.raises(Damaged, match="another version"):
-        unpack(pack(Inner(np.zeros(1), ()), KINDS), {})
 
 
 @pytest.mark.parametrize("value", [object(), {1, 2}, np.array([object()]), {1: "x"}, lambda: 0])
@@ -225,19 +196,6 @@ def test_what_is_mapped_is_the_same_and_begins_where_the_processor_likes_it(arra
         assert not again.flags.writeable
     assert fortran.flags.f_contiguous
     assert (number, text) == (np.float32(2), words)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="/proc tells what memory is a process's own")
-def test_what_is_mapped_is_no_memory_of_the_process(tmp_path: Path) -> None:
-    """The limit of a job counts memory of its own; maps of earlier stages must not be among it."""
-    path = tmp_path / "kept"
-    with path.open("wb") as target:
-        packing.pack(np.ones(64 << 20, np.uint8), {}, target)
-    before = resident_mb(os.getpid())
-    with path.open("rb") as source:
-        mapped = packing.unpack(source, {}, mapped=True)
-    assert int(mapped.sum(dtype=np.int64)) == 64 << 20, "every page was looked at"
-    assert resident_mb(os.getpid()) - before < 16
 
 
 def test_a_large_map_is_not_copied_as_a_whole(tmp_path: Path) -> None:

@@ -92,27 +92,12 @@ def test_a_key_makes_one_job_however_many_ask_at_once(bench: Bench) -> None:
     assert len(unfinished(bench.queue)) == 1
 
 
-def test_keys_of_two_tenants_do_not_meet(bench: Bench) -> None:
-    assert bench.add(tenant="a", key="k") != bench.add(tenant="b", key="k")
-
-
 def test_a_job_that_cannot_be_queued_is_not_stored(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Accepting and queueing are one transaction: no job without a place in the queue."""
     monkeypatch.setattr(bench.queue, "put", lambda *a: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         bench.add()
     assert bench.store.counts() == {}
-
-
-def test_pages_meet_without_gap_or_repetition(bench: Bench) -> None:
-    jobs = [bench.add() for _ in range(7)]
-    bench.add(tenant="other")
-    seen: list[str] = []
-    after = None
-    while page := bench.store.page("t", 3, after):
-        seen += [row["id"] for row in page]
-        after = (page[-1]["created_at"], page[-1]["id"])
-    assert seen == jobs[::-1]
 
 
 def test_a_cancelled_job_leaves_no_word_of_its_request(bench: Bench) -> None:
