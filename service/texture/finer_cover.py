@@ -4,6 +4,8 @@ The reader's parts are probabilities of cells of two millimetres, and what is th
 makes out hair, each texel near that is asked whether its colour is that of the hair beside it or that of the skin; what
 is found counts as hair for the next round: a lock is followed to its tip. Where glasses are worn, and the reader
 suspects them, lines no wider than a rim are rims.
+
+Darkness hides skin, too: what is nearly black in some colour, under a brim or where a cast clips it.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import numpy as np
 
 from service.arrays import Bool, Float32
 from service.colour import LUMA, srgb_to_linear
-from service.face.reading.part_labels import BROW, GLASSES, HAIR, IRIS, LIP, MOUTH, SCLERA, SKIN
+from service.face.reading.part_labels import BEARD, BROW, GLASSES, HAIR, IRIS, LIP, MOUTH, SCLERA, SKIN
 from service.geometry.chart import Chart
 from service.image_filters import blurred
 from service.robust import smoothstep
@@ -115,3 +117,33 @@ def _lines(chart: Chart, bright: Float32, seen: Bool) -> Float32:
     closed, opened = (cv2.morphologyEx(image, how, disc) for how in (cv2.MORPH_CLOSE, cv2.MORPH_OPEN))
     line = smoothstep(np.maximum(np.asarray(closed) - image, image - np.asarray(opened)), *CONTRAST)
     return np.asarray(cv2.dilate(np.asarray(line, np.float32), np.ones((3, 3), np.uint8)), np.float32)
+
+
+DARK_ITSELF = (BROW, BEARD, SCLERA, IRIS, MOUTH)
+"""Parts that may be nearly black."""
+CLIPPED = 18 / 255
+"""Coded least channel from which on skin tells its colour, and from a third of which down it does not: 8 bits leave a
+dozen steps of it, and sensors their noise."""
+USUAL = 0.4
+"""The same as a share of the face's median, for photos that are dark as a whole."""
+
+
+def in_the_dark(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) -> Float32:
+    """(N,) float32 in [0, 1], 1 on skin that is too dark in some colour for its own to be told: light can be taken off
+    what the photo holds, and noise and clipped channels would come out as patches.
+
+    Args:
+        chart: of the head.
+        unwrapped: the photo on it.
+        parts: (N, 13) as ``service.texture.unwrap.parts_at`` gives them.
+        zones: of the same texels.
+    """
+    told = unwrapped.weight > 0
+    both = blurred(chart.spread(np.c_[unwrapped.colour * told[:, None], told].astype(np.float32)), 2.0)
+    least = (both[..., :3].min(2) / np.maximum(both[..., 3], np.float32(1e-3))).ravel()[chart.texels]
+    bare = told & zones.skin & (zones.face > 0.5) & (parts[:, SKIN] > 0.5)
+    if not bare.any():
+        return np.zeros_like(least)
+    limit = min(CLIPPED, USUAL * float(np.median(least[bare])))
+    dark = 1 - smoothstep(least, limit / 3, limit)
+    return np.asarray(dark * told * zones.skin * (1 - parts[:, DARK_ITSELF].sum(1).clip(0, 1)), np.float32)

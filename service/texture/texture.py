@@ -27,7 +27,7 @@ from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
 from service.robust import smoothstep
 from service.texture.blending import Blend, Layer, blend
-from service.texture.finer_cover import finer_cover
+from service.texture.finer_cover import finer_cover, in_the_dark
 from service.texture.inpainting import Completed, complete_skin, grain
 from service.texture.part_colours import paint_parts
 from service.texture.unwrap import (
@@ -270,6 +270,7 @@ def _layer(chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading 
     hidden = covered(part, zones, bald=bald)
     if reading is not None:
         hidden = np.maximum(hidden, finer_cover(chart, unwrapped, part, zones))
+        hidden = np.maximum(hidden, in_the_dark(chart, unwrapped, part, zones))
     hidden = np.maximum(grown(chart, hidden) if bald else hidden, shows_opening(part, zones))
     bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
     unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)

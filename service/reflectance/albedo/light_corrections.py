@@ -211,6 +211,9 @@ BEARDED = 0.45
 SHADED = 0.3
 """Quantile of the light on lit skin below which no continued light falls; chosen on photos with caps and fringes."""
 
+NEAR_LIT = (6.0, 3.0)
+"""Standard deviation of the blur, texels of the context, 9 mm, by which lit skin reaches over brows; and its gain."""
+
 DARKEST = 1e-3
 """Linear albedo at which logarithms stop."""
 
@@ -259,7 +262,8 @@ def seamless(light: Float32) -> Float32:
 def with_shade_floor(everywhere: Float32, light: Float32, lit: Float32) -> Float32:
     """(C, h, w) continued light, raised to the ``SHADED`` quantile of the lit skin where it is below.
 
-    The shade under the brim of a cap, or of a fringe, is not the light on the cap or on the hair above it.
+    The shade under the brim of a cap, or of a fringe, is not the light on the cap or on the hair above it. Brows lie in
+    the shade that the skin beside them does.
 
     Args:
         everywhere: light of :func:`continued`.
@@ -270,7 +274,8 @@ def with_shade_floor(everywhere: Float32, light: Float32, lit: Float32) -> Float
     if not chosen.any():
         return everywhere
     floor = np.quantile(light.mean(0)[chosen], SHADED)
-    more = np.maximum(np.float32(floor) - everywhere.mean(0), 0) * (1 - np.clip(lit, 0, 1))
+    beside = np.clip(NEAR_LIT[1] * blurred(np.clip(lit, 0, 1), NEAR_LIT[0]), 0, 1)
+    more = np.maximum(np.float32(floor) - everywhere.mean(0), 0) * (1 - np.maximum(lit, beside))
     return np.asarray(everywhere + more, np.float32)
 
 

@@ -8,7 +8,7 @@ from service.arrays import Float32
 from service.face.reading.part_labels import BROW, GLASSES, HAIR, PARTS, SKIN
 from service.geometry.chart import Chart
 from service.head.files import load_head
-from service.texture.finer_cover import finer_cover
+from service.texture.finer_cover import finer_cover, in_the_dark
 from service.texture.unwrap import Unwrapped, Zones
 
 HEAD = load_head()
@@ -71,3 +71,15 @@ def test_rims_are_found_where_glasses_are_worn() -> None:
     assert finer_cover(CHART, seen(colour), parts(), ZONES).max() == 0  # a line on the skin
     brow = parts(**{f"p{GLASSES}": 0.15 * around, f"p{BROW}": 0.6 * rim})
     assert finer_cover(CHART, seen(colour), brow, ZONES)[rim].max() == 0
+
+
+def test_what_is_nearly_black_hides_skin_and_brows_may_be_black() -> None:
+    """Under a brim a cap's shadow came out as a black halo, and a clipped channel as patches of yellow and blue."""
+    brim, brow = ROW < 120, (np.abs(ROW - 110) < 4).astype(np.float32)
+    shaded = np.where(brim[:, None], TONE * np.float32(0.03), TONE).astype(np.float32)
+    hidden = in_the_dark(CHART, seen(shaded), parts(**{f"p{BROW}": brow}), ZONES)
+    own = ZONES.skin & (ZONES.hidden < 0.1) & (np.abs(ROW - 120) > 8)
+    assert hidden[own & brim & (brow == 0)].mean() > 0.9
+    assert hidden[own & (brow > 0)].max() < 0.1
+    assert hidden[own & ~brim].max() == 0
+    assert in_the_dark(CHART, seen(TONE * np.full((COUNT, 1), 0.1, np.float32)), parts(), ZONES)[own].mean() < 0.3
