@@ -29,6 +29,7 @@ import typer
 from service.batch.makers import Order
 from service.batch.plan import Plan
 from service.batch.shards import Rounds, Shards
+from service.batch.worker import LOOKS
 from service.jobs.admission import Bounds, NewJob
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import connect, create_tables
@@ -80,7 +81,7 @@ def worker(name: str, database: str, folder: Path, seconds: float) -> None:
     settings = Settings(data=folder / name, database=database, worker=name)
     rounds = Rounds(connect(settings.database_url, pool=1))
     shards = Shards(rounds, Sleeper(seconds), folder / name, threading.Event(), lambda error: None, recorded=True)
-    launch(settings, shards.workflows(1, settings.look_seconds))
+    launch(settings, shards.workflows(1, settings.look_seconds / LOOKS))
     signal.pause()
 
 
@@ -255,7 +256,7 @@ def waiting_jobs(count: int, folder: Path, seconds: float = 30.0) -> None:
 def main(
     workers: Annotated[str, typer.Option(help="Numbers of workers, with commas between.")] = "10,50,100,200",
     seconds: Annotated[float, typer.Option(help="Of one photo.")] = 10.0,
-    photos: Annotated[int, typer.Option(min=1, help="Of each worker.")] = 4,
+    photos: Annotated[int, typer.Option(min=1, help="Of each worker.")] = 8,
     waiting: Annotated[int, typer.Option(min=0, help="Measure beside so many waiting jobs instead.")] = 0,
 ) -> None:
     """Print a table."""

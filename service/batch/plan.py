@@ -37,8 +37,12 @@ REPORT = "report.jsonl"
 SHARD = 100
 """Most photos of a shard."""
 
-SHARDS = 32
-"""Shards at least, where there are photos enough: so that several machines have work, and all until the end."""
+SHARDS = 256
+"""Shards that the photos that are left would give at least, if all were as large as the next one.
+
+So shards are the smaller the fewer are left, up to this many workers have work from the first, and all have until the
+end: guided self-scheduling (Polychronopoulos and Kuck 1987).
+"""
 
 SETTLED_S = 5.0
 """Age that a new photo has to have when a folder is watched: it may still be on its way into it."""
@@ -152,12 +156,12 @@ class Plan:
         Args:
             round_name: of the round; a later one comes after an earlier one in the order of letters.
         """
-        size = min(SHARD, max(1, -(-sum(1 for _ in self.todo()) // SHARDS)))
-        counts: list[int] = []
+        left, counts = sum(1 for _ in self.todo()), list[int]()
         photos = self.todo()
-        while shard := list(itertools.islice(photos, size)):
+        while shard := list(itertools.islice(photos, min(SHARD, max(1, left // SHARDS)))):
             self.out.write(manifest_name(round_name, len(counts)), b"".join(map(text_of, shard)))
             counts.append(len(shard))
+            left -= len(shard)
         self._tables.execute("insert or replace into tried select name, modified from photos")
         return counts
 

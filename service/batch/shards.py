@@ -1,4 +1,4 @@
-"""A shard: about a hundred photos, one after the other, each in a process of its own, and their report.
+"""A shard: up to a hundred photos, one after the other, each in a process of its own, and their report.
 
 As a workflow of DBOS on a queue of its own it goes to whoever has a hand free, and to another worker where that one
 dies. What is finished shows in the archives and in the shard's report, which is written anew after each photo: so the
@@ -73,7 +73,7 @@ class Rounds:
             rows = [{"round": name, "number": number, "photos": count} for number, count in numbers]
             connection.execute(sa.insert(SHARDS), rows)
             for number in range(len(counts)):
-                queue.enqueue(connection, QUEUE, WORKFLOW, workflow_id(name, number), out, name, number)
+                queue.enqueue(connection, QUEUE, WORKFLOW, workflow_id(name, number), number + 1, out, name, number)
 
     def begin(self, name: str, number: int, at: int) -> int:
         """A photo of a shard has its turn; returns how often a worker was lost with it."""

@@ -11,6 +11,9 @@ from service.batch.shards import Rounds, Shards
 from service.jobs.worker import Worker, main
 from service.jobs.workflow import Workflows
 
+LOOKS = 4
+"""How often a worker looks for a shard while it would look for a job once: it makes one after the other."""
+
 
 def batches(worker: Worker) -> Sequence[Workflows]:
     """What a worker does besides jobs."""
@@ -18,7 +21,7 @@ def batches(worker: Worker) -> Sequence[Workflows]:
     maker = LocalMaker(dataclasses.replace(settings, program=settings.batch_program))
     rounds, scratch = Rounds(worker.engine), runner.scratch / "batches"
     shards = Shards(rounds, maker, scratch, runner.stopping, lambda error: worker.quit(error.message), recorded=False)
-    return [shards.workflows(settings.batches, settings.look_seconds)]
+    return [shards.workflows(settings.batches, settings.look_seconds / LOOKS)]
 
 
 if __name__ == "__main__":

@@ -100,9 +100,13 @@ class Queue:
             options["delay_seconds"] = PAUSES_S[attempt - 2]
         self.client.enqueue_in_transaction(connection, options, job["id"], attempt)
 
-    def enqueue(self, connection: sa.Connection, queue: str, workflow: str, workflow_id: str, *arguments: Any) -> None:
+    def enqueue(
+        self, connection: sa.Connection, queue: str, workflow: str, workflow_id: str, turn: int, *arguments: Any
+    ) -> None:
         """Put a workflow that is no job's into a queue, inside the caller's transaction; twice is once."""
-        options: EnqueueOptions = {"queue_name": queue, "workflow_name": workflow, "workflow_id": workflow_id}
+        options: EnqueueOptions = {
+            "queue_name": queue, "workflow_name": workflow, "workflow_id": workflow_id, "priority": turn,
+        }  # fmt: skip
         self.client.enqueue_in_transaction(connection, options, *arguments)
 
     def cancel(self, workflow: str) -> None:
