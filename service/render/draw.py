@@ -40,7 +40,7 @@ EDGE = 0.15
 """Width of the ramp of alpha around the cutoff of a masked part: a hard step would flicker."""
 HIDDEN = 1e-3
 """Share of a fragment's light that reaches the camera below which it is not lit."""
-LAYER = 4000
+LAYER = 1000
 """Triangles of a part that are drawn at once, from near to far: what lies behind solid cards is left out."""
 DARKEST = 0.65
 """Factor on linear colours with the photo's light in them at grazing angles; 1 where they face the camera."""
@@ -169,11 +169,13 @@ class SeenPart:
         radiance: (F, 3) linear; black until somebody lights the part.
         normals: (F, 3) unit, by the part's own normal map; None where it has none.
         along: (F, 3) unit, the strands of hair from root to tip; None of all else.
+        uv: (F, 2) places on its texture.
     """
 
     drawn: DrawnPart
     corners: Int32
     weights: Float32
+    uv: Float32
     pixel: Int64
     colour: Float32
     alpha: Float32
@@ -221,6 +223,13 @@ class SeenHead:
     def read(self, image: Float32) -> Float32:
         """(N, C) of a chart image (H, W, C) or (H, W), bilinear, borders repeated."""
         return sample_chart(image, self.uv)
+
+    def recoloured(self, chart: Float32) -> Float32:
+        """(N, 3) of another chart image (H, W, 3), which parts that have their colours on the chart take too."""
+        for one in self.parts:
+            if isinstance(one.part.material.colour_map, ChartMap):
+                one.colour = sample_chart(chart, one.uv)
+        return self.read(chart)
 
     def between(self, values: Float32) -> Float32:
         """(N, C) of values (V, C) at the head's vertices."""
@@ -310,7 +319,7 @@ def see(model: DrawnHead, camera: Camera, samples: float, chart: Float32 | None 
             along = drawn.strands(around, inside, place)
             turned = None if along is not None else bent(drawn, shown, inside, place)
             dark = np.zeros_like(colour)
-            own = SeenPart(drawn, around, inside, found.pixel, colour, alpha, dark, turned, along)
+            own = SeenPart(drawn, around, inside, place, found.pixel, colour, alpha, dark, turned, along)
             parts.append(own)
             keys.append((found.pixel << 32) | found.depth.view(np.int32))
     # Depths are positive, so their bits are in order; those of one part are, and to merge such runs is quick.
@@ -400,9 +409,11 @@ def sketch(
         cosine = np.abs((normals * normalise(seen.camera.centre - plain)).sum(1, keepdims=True))
         return np.asarray(DARKEST + (1 - DARKEST) * cosine, np.float32)
 
+    lit = {id(one.drawn): one.drawn for one in seen.parts}
+    light_on = {key: at(drawn.part.vertices, drawn.normals) for key, drawn in lit.items()}
     for one in seen.parts:
         own = np.ones(3) if one.part.material.textured else np.asarray(tint)
-        one.radiance = one.colour * own.astype(np.float32) * one.between(at(one.part.vertices, one.drawn.normals))
+        one.radiance = one.colour * own.astype(np.float32) * one.between(light_on[id(one.drawn)])
     return seen.resolved(colour * seen.between(at(seen.model.vertices, seen.model.normals)))
 
 

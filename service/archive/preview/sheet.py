@@ -44,8 +44,8 @@ SAMPLES = 1.5
 TEXTURED_YAWS = (-90, -45, 0, 45, 90)
 """Yaw of the head in the textured views, degrees."""
 
-RELIT = ((-45, (-80,)), (0, (-70, 0, 70)), (45, (80,)))
-"""Yaw of the head and azimuths of the lamp in the relit views, degrees."""
+RELIT = {-45: (-80,), 0: (-70, 0, 70), 45: (80,)}
+"""Azimuths of the lamp in the relit views by the yaw of the head, degrees."""
 
 SEEN_SIZE = (768, 512)
 """Width and height of the colours in views: a texel is smaller than their pixels."""
@@ -64,44 +64,33 @@ CLAY = (0.50, 0.47, 0.44)
 _PART_CLAY = {"eye": (0.72, 0.72, 0.72), "teeth": (0.68, 0.66, 0.60), "tongue": (0.42, 0.28, 0.26)}
 
 
-def textured(avatar: Avatar) -> Iterator[View]:
-    """Captions and (h, w, 3) uint8 pictures of ``TILE``: the texture, with the photo's light, from five sides."""
-    colours = bytes_to_linear(_small(avatar.texture.texture, SEEN_SIZE))
-    model, tint = DrawnHead.of(avatar.head, avatar.fit.vertices, avatar.parts), photo_light(avatar)
+def coloured(avatar: Avatar) -> tuple[list[View], list[View]]:
+    """Captions and (h, w, 3) uint8 pictures of ``TILE``, of what is seen once from each of five sides.
 
-    def view(yaw: int) -> View:
-        side = "Front" if yaw == 0 else f"{'Right' if yaw > 0 else 'Left'} side, {abs(yaw)}°"
-        return side, _pictures(model, yaw, colours, [None], tint)[0]
-
-    yield from _side_by_side(view, TEXTURED_YAWS)
-
-
-def relit(avatar: Avatar) -> Iterator[View]:
-    """Captions and pictures of the diffuse albedo under other lamps; nothing without albedo."""
+    First the texture, with the photo's light; then the diffuse albedo under other lamps, nothing without albedo.
+    """
     made = avatar.reflectance
-    if made is None or made.diffuse_albedo is None:
-        return
-    colours = bytes_to_linear(small_albedo(made.diffuse_albedo, SEEN_SIZE))
-    model = DrawnHead.of(avatar.head, avatar.fit.vertices, avatar.parts)
+    colours = bytes_to_linear(_small(avatar.texture.texture, SEEN_SIZE))
+    albedo = None if made is None or made.diffuse_albedo is None else small_albedo(made.diffuse_albedo, SEEN_SIZE)
+    model, tint = DrawnHead.of(avatar.head, avatar.fit.vertices, avatar.parts), photo_light(avatar)
+    behind = backdrop(*TILE)
 
-    def views(what: tuple[int, tuple[int, ...]]) -> list[View]:
-        sides = ["in front" if one == 0 else "on the right" if one > 0 else "on the left" for one in what[1]]
-        pictures = _pictures(model, what[0], colours, what[1])
-        return [(f"Albedo, lamp {side}", picture) for side, picture in zip(sides, pictures, strict=True)]
+    def views(yaw: int) -> tuple[View, list[View]]:
+        camera = turned_camera(framed(model.vertices, [one.part for one in model.parts]), yaw, *TILE)
+        seen = see(model, camera, SAMPLES, colours)
+        side = "Front" if yaw == 0 else f"{'Right' if yaw > 0 else 'Left'} side, {abs(yaw)}°"
+        first = side, to_pixels(over(*sketch(seen, seen.read(colours), None, tint), behind))
+        if albedo is None:
+            return first, []
+        unlit, relit = seen.recoloured(bytes_to_linear(albedo)), []
+        for azimuth in RELIT.get(yaw, ()):
+            where = "in front" if azimuth == 0 else "on the right" if azimuth > 0 else "on the left"
+            lit = over(*sketch(seen, unlit, side_lamp(camera, azimuth)), behind)
+            relit.append((f"Albedo, lamp {where}", to_pixels(lit)))
+        return first, relit
 
-    for several in _side_by_side(views, RELIT):
-        yield from several
-
-
-def _pictures(
-    model: DrawnHead, yaw: float, colours: Float32, azimuths: Sequence[float | None], tint: Triple = WHITE
-) -> list[Image]:
-    """The avatar in linear colours (h, w, 3) of its chart, under each of some lamps or, None, with light in them."""
-    camera = turned_camera(framed(model.vertices, [one.part for one in model.parts]), yaw, *TILE)
-    seen = see(model, camera, SAMPLES, colours)
-    lights = [None if one is None else side_lamp(camera, one) for one in azimuths]
-    lit = (sketch(seen, seen.read(colours), light, tint) for light in lights)
-    return [to_pixels(over(*one, backdrop(*TILE))) for one in lit]
+    firsts, lit = zip(*_side_by_side(views, TEXTURED_YAWS), strict=True)
+    return list(firsts), [view for several in lit for view in several]
 
 
 def clay(avatar: Avatar) -> Iterator[View]:
@@ -185,7 +174,7 @@ INPAINTED_COLOUR = (206, 202, 196)
 
 def sheet(avatar: Avatar) -> Image:
     """(h, w, 3) uint8 sRGB: textured views, relit views, untextured views, measurements of the fit, maps."""
-    maps, in_lamps = list(_maps(avatar)), list(relit(avatar))
+    maps, (textured, in_lamps) = list(_maps(avatar)), coloured(avatar)
     maps_high, view_high = _map_size()[1] + _CAPTION, TILE[1] + _CAPTION
     high = (3 if in_lamps else 2) * view_high + -(-len(maps) // _MAPS_A_ROW) * maps_high
     page = blank(_WIDTH, _TITLE + high + _MARGIN)
@@ -195,7 +184,7 @@ def sheet(avatar: Avatar) -> Image:
     write_text(page, f"{avatar.head.name} · {len(avatar.head.mean)} vertices · {origin}", _MARGIN + 104, 40, 15, GREY)
     y = _TITLE
     columns = list(_columns(TILE[0]))
-    for views in (list(textured(avatar)), in_lamps):
+    for views in (textured, in_lamps):
         for x, (caption, picture) in zip(columns, views, strict=False):
             _tile(page, picture, caption, x, y)
         y += view_high if views else 0
