@@ -35,6 +35,7 @@ from service.diagnosis import peak_rss_mb
 from service.face.features.eye_colours import NAMED_IRISES
 from service.face.features.mouth import with_mouth_shut
 from service.face.finder import Face, FaceFinder, choose_face
+from service.face.fit.landmark_fit import modes
 from service.face.identity import Recogniser
 from service.face.profile import faces_by_reading
 from service.face.reading.reader import Readers
@@ -55,10 +56,12 @@ from service.reflectance.subject import Subject
 from service.reflectance.surface_maps import surface_maps
 from service.runtime.network_registry import networks_of
 from service.runtime.networks import choose_engine, loading_ahead
+from service.runtime.sessions import has_openvino, openvino_library
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
+from service.texture.inpainting import grain
 from service.texture.photo_detail import OwnDetail, own_texture_of
-from service.texture.texture import Texture, make_texture
+from service.texture.texture import SEEDS, Texture, make_texture
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""
@@ -238,7 +241,7 @@ class FaceNetworks:
         self._loads: list[Future[Any]] = [pool.submit(kind) for kind in kinds]
         pool.submit(import_module, "scipy.optimize")
         if ahead:
-            pool.submit(_usual_head_and_chart, Options().base_size)
+            pool.submit(_made_ahead)
         pool.shutdown(wait=False)
 
     def finder(self) -> FaceFinder:
@@ -313,6 +316,16 @@ def _head_and_chart(size: Size, head_file: Path | None) -> tuple[HeadModel, Char
         return _usual_head_and_chart(size)
     head = load_head(head_file)
     return head, Chart.build(head, *size)
+
+
+def _made_ahead() -> None:
+    """What photos that are fitted to the head in the box have in common, kept where it is made."""
+    head, chart = _usual_head_and_chart(Options().base_size)
+    modes(head, Options().fit_settings().beyond)
+    for seed in SEEDS:
+        grain(chart, seed)
+    if has_openvino():
+        openvino_library()
 
 
 @lru_cache(maxsize=1)

@@ -148,7 +148,7 @@ def decode_normals8(codes: UInt8) -> Float32:
     return (codes.astype(np.float32) - np.float32(NORMAL_ZERO)) / np.float32(NORMAL_SCALE)
 
 
-def encode_png(image: UInt8 | UInt16, *, srgb: bool, level: int = 3) -> bytes:
+def encode_png(image: UInt8 | UInt16, *, srgb: bool, level: int = 4) -> bytes:
     """(h, w) grey, (h, w, 3) RGB or (h, w, 4) RGBA, uint8 or uint16 -> PNG bytes, with an sRGB chunk for sRGB colours.
 
     Data maps (normals, confidence) get no colour chunk, so that no reader converts them. ``level`` is zlib's.

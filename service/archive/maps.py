@@ -93,7 +93,7 @@ def encode_map(entry: RegisteredMap, avatar: Avatar) -> bytes | None:
     if rows is None:
         return None
     if entry.made_by == "surface":  # small, and smooth, so that matches pay
-        return encode_png(np.asarray(rows.read(0, rows.shape[0]), np.uint8), srgb=False, level=6)
+        return encode_png(np.asarray(rows.read(0, rows.shape[0]), np.uint8), srgb=False)
     return encode_png_rows(rows, srgb=entry.colour_space == "srgb")
 
 

@@ -148,4 +148,4 @@ def _previews(avatar: Avatar) -> dict[str, bytes]:
 def _textures(avatar: Avatar) -> dict[str, bytes]:
     """PNG of each texture of a part's own, by its name."""
     own = {one.name: (one, one is part.material.colour_map) for part in avatar.parts for one in part.own_maps}
-    return {name: encode_png(one.pixels, srgb=colour, level=6) for name, (one, colour) in own.items()}
+    return {name: encode_png(one.pixels, srgb=colour) for name, (one, colour) in own.items()}

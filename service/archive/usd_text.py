@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -136,6 +137,7 @@ def fixed_tuples(rows: AnyFloat | Sequence[AnyFloat], decimals: int) -> str:
     return f"({'),('.join(map(','.join, zip(*columns, strict=True)))})"
 
 
+@lru_cache(maxsize=1 << 17)
 def _shortest(code: int, decimals: int) -> str:
     """Code * 10^-decimals: "0.125" or "125e-5", whichever is shorter.
 

@@ -31,7 +31,7 @@ class TangentFrame:
     normal: Float32
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Chart:
     """The chart of a head rasterised once; serves every head of the same topology.
 

@@ -12,7 +12,7 @@ import numpy as np
 from service.arrays import AnyFloat, Float32, Int32, UInt8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HeadModel:
     """A linear head model in metres, +Y up, +Z out of the face, +X to the subject's left.
 

@@ -121,7 +121,7 @@ LEAST_COSINE = 0.3
 """Least cosine between the inward normal and the way to a point that bounds the ball. A neighbour on the same smooth
 side has a smaller one, and only says how the surface is curved there, with the error of its normal."""
 
-_BLOCK = 512
+_BLOCK = 256
 """Vertices that are compared with all others at once."""
 
 
@@ -146,14 +146,19 @@ def flesh_mm(head: HeadModel, vertices: AnyFloat) -> Float32:
     centred = (points - points.mean(0)).astype(np.float32)
     m = inward.astype(np.float32)
     square = np.einsum("ni,ni->n", centred, centred)
+    order = np.argsort(centred[:, 1], kind="stable")  # a ball touches nothing that is higher or lower by its width
+    own, centred, m, square = own[order], centred[order], m[order], square[order]
     for first in range(0, len(own), _BLOCK):
         p, direction = centred[first : first + _BLOCK], m[first : first + _BLOCK]
-        distance2 = np.maximum(square[first : first + _BLOCK, None] + square - 2 * p @ centred.T, 0)
-        along = direction @ centred.T - np.einsum("ni,ni->n", direction, p)[:, None]
+        reach = np.searchsorted(centred[:, 1], (p[0, 1] - LARGEST_MM, p[-1, 1] + LARGEST_MM))
+        q = centred[slice(*reach)]
+        distance2 = np.maximum(square[first : first + _BLOCK, None] + square[slice(*reach)] - 2 * p @ q.T, 0)
+        along = direction @ q.T - np.einsum("ni,ni->n", direction, p)[:, None]
         facing = along > LEAST_COSINE * np.sqrt(distance2)
         facing &= distance2 > 1e-4  # not the vertex itself
-        diameter = np.where(facing, distance2 / np.where(facing, along, 1), LARGEST_MM)
-        result[own[first : first + _BLOCK]] = np.minimum(diameter.min(1), LARGEST_MM)
+        np.divide(distance2, along, out=distance2, where=facing)
+        np.copyto(distance2, LARGEST_MM, where=~facing)
+        result[own[first : first + _BLOCK]] = np.minimum(distance2.min(1), LARGEST_MM)
     return result
 
 

@@ -11,6 +11,7 @@ out into streaks.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -36,8 +37,9 @@ OCTAVES = 4
 """Cell sizes, each twice the one before."""
 
 
+@lru_cache(maxsize=2)
 def grain(chart: Chart, seed: int) -> Float32:
-    """(N, 1) float32 mirror-symmetric band-limited noise at the inner texels, of mean magnitude 1.
+    """(N, 1) float32 mirror-symmetric band-limited noise at the inner texels, of mean magnitude 1; read only.
 
     Its cells are as large as the longer side of the texel: finest on the face, coarser on the neck, whose texels are
     long and narrow.
@@ -82,13 +84,14 @@ def _block(seed: int) -> Float64:
 def _sample(block: Float64, cells: Float64) -> Float64:
     """(N,) trilinearly interpolated values of a repeating cube of noise at points (N, 3) in cells."""
     low = np.floor(cells)
-    part = cells - low
-    corner = low.astype(np.int64)
-    result = np.zeros(len(cells))
-    for offset in np.ndindex(2, 2, 2):
-        weight = np.where(offset, part, 1 - part).prod(1)
-        x, y, z = ((corner + offset) % SIDE).T
-        result += weight * block[x, y, z]
+    part = (cells - low).T
+    corner = low.astype(np.int64).T
+    shares = np.stack([1 - part, part])
+    places = np.stack([corner % SIDE, (corner + 1) % SIDE])
+    values, result = block.ravel(), np.zeros(len(cells))
+    for i, j, k in np.ndindex(2, 2, 2):
+        index = (places[i, 0] * SIDE + places[j, 1]) * SIDE + places[k, 2]
+        result += shares[i, 0] * shares[j, 1] * shares[k, 2] * np.take(values, index)
     return result
 
 

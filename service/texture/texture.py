@@ -152,6 +152,8 @@ PRIOR_TRUST = 0.01
 """Weights of the density's smoothness and of what is expected where no scalp is seen, relative to a seen texel."""
 GRAIN = 0.08
 """Standard deviation of the opacity over its mean, about: roots are points."""
+SEEDS = (0, 1)
+"""Of the grain of skin that no photo shows, and of that of roots."""
 
 
 def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zones) -> Float32:
@@ -176,7 +178,7 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
         density = np.clip(smooth_fit(edges, known, trust, SMOOTHNESS, prior, PRIOR_TRUST), 0, 1)
     # Values of the scalp's soft mask between which hair begins.
     grown = chart.inside(density.astype(np.float32))[:, 0] * smoothstep(zones.scalp, 0.15, 0.85) * zones.skin
-    points = np.clip(1 + GRAIN * grain(chart, 1)[:, 0], 0, 2)
+    points = np.clip(1 + GRAIN * grain(chart, SEEDS[1])[:, 0], 0, 2)
     # Of the shadow where hair grows densely: skin between roots shows as much again.
     return np.asarray(np.clip(0.5 * grown * points, 0, 0.95), np.float32)
 
@@ -227,7 +229,7 @@ def make_texture(
     scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
     on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
     fallback = DEFAULT_SKIN if found.colour is None else found.colour
-    completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp)
+    completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp, SEEDS[0])
     roots = None
     if hair is not None and bald:
         shadow = root_shadow(chart, None if reading is None else part, weight, zones)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -145,8 +146,9 @@ def kernel(one: Float64, other: Float64) -> Float64:
     return np.asarray(sum(sigma**2 * np.exp(-square / (2.0 * length**2)) for length, sigma in FIELDS))
 
 
+@lru_cache(maxsize=1)
 def modes(head: HeadModel, count: int) -> Float32:
-    """(count, V, 3) float32 metres: the process's strongest modes on the head, each of unit variance."""
+    """(count, V, 3) float32 metres: the process's strongest modes on the head, each of unit variance; read only."""
     points = process_places(head)
     flip = np.array([-1.0, 1.0, 1.0])
     face = np.flatnonzero((head.region("face") > 0.5) & (head.mean[:, 0] >= 0.0))

@@ -201,7 +201,9 @@ class Residuals:
     def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
         """Add J^T J and J^T r in place."""
         root = np.sqrt(self.precision)[:, None]
-        j = (self.jacobian(state) * root[:, :, None]).reshape(-1, len(gradient))
+        j = self.jacobian(state)
+        j *= root[:, :, None]
+        j = j.reshape(-1, len(gradient))
         hessian += j.T @ j
         gradient += j.T @ (self.residual(state) * root).ravel()
 
@@ -408,9 +410,9 @@ def minimise(
         The best states seen.
     """
     value = energy(terms, states)
-    states = list(states)
-    systems = [System.of(own, state) for own, state in zip(terms, states, strict=True)]
+    states, systems = list(states), list[System]()
     for _ in range(steps):
+        systems = systems or [System.of(own, state) for own, state in zip(terms, states, strict=True)]
         now = [state.unknowns() for state in states]
         total = sum(one.gradient[shared] for one in systems)
         free = []
@@ -432,8 +434,7 @@ def minimise(
             gain = min((value - new_value) / expected, 1.0) if expected > 0 else 0.0
             damping.mu = max(damping.mu * max(1 / 3, 1 - (2 * gain - 1) ** 3), 1e-9)
             damping.nu = 2.0
-            states, value = candidates, new_value
-            systems = [System.of(own, state) for own, state in zip(terms, states, strict=True)]
+            states, value, systems = candidates, new_value, []
         else:
             damping.mu = min(damping.mu * damping.nu, 1e12)
             damping.nu = min(2.0 * damping.nu, 1e6)

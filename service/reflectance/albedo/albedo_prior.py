@@ -94,9 +94,9 @@ class AlbedoPrior:
 
     def _normal(self, share: Float32) -> npt.NDArray[np.float64]:
         """(K, K) inverse covariance of the components' weights given the share (h, w) of each texel that is seen."""
-        basis = self.components.reshape(len(self.components), -1).astype(np.float64)
-        trust = np.broadcast_to(share, self.mean.shape).ravel() / self.noise**2
-        return np.asarray((basis * trust) @ basis.T + np.eye(len(basis)))
+        root = np.sqrt(np.broadcast_to(share, self.mean.shape).ravel()) / self.noise
+        basis = self.components.reshape(len(self.components), -1) * root.astype(np.float64)
+        return np.asarray(basis @ basis.T + np.eye(len(basis)))
 
     def complete(self, seen: Float32, weight: Float32) -> Float32:
         """(3, H, W) float32 log albedo that is likeliest given the seen part: smooth, also where it is seen.

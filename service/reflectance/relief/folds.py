@@ -220,8 +220,7 @@ def unfolded(codes: npt.NDArray[np.int16], creases: Creases) -> tuple[npt.NDArra
         creases: where they are.
     """
     size = _small(codes.shape)
-    small = np.stack([shrunk(plane, size) for plane in np.moveaxis(codes, 2, 0)], -1)
-    x, y, z = np.moveaxis(unpack_normals(small), 2, 0)
+    x, y, z = np.moveaxis(unpack_normals(shrunk(codes, size)), 2, 0)
     slopes = [_band(-part / np.maximum(z, 0.05)) for part in (x, y)]
     fold = _share(creases, slopes[0], slopes[1])[..., None] * np.stack(slopes, -1)
     group = cv2.resize(creases.group, size, interpolation=cv2.INTER_NEAREST)
@@ -269,18 +268,20 @@ def _share(creases: Creases, x: Float32, y: Float32) -> Float32:
     The direction of lines is that of the larger eigenvector of the structure tensor, their coherence the difference of
     its eigenvalues over their sum (Bigun and Granlund 1987).
     """
-    xx, yy, xy = (blurred(one, AROUND) for one in (x * x, y * y, x * y))
+    weights = [cv2.resize(weight, (x.shape[1], x.shape[0])) for weight in creases.weights]
+    there = np.flatnonzero(np.maximum.reduce(weights))
+    xx, yy, xy = (blurred(one, AROUND).ravel()[there] for one in (x * x, y * y, x * y))
     coherence = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, 1e-12)
     line = np.clip((coherence - LINE[0]) / (LINE[1] - LINE[0]), 0, 1)
     # Tent functions of the direction, with a period of pi.
     place = np.arctan2(2 * xy, xx - yy) / 2 * (DIRECTIONS / np.pi) % DIRECTIONS
-    total = np.zeros_like(x)
-    for k, weight in enumerate(creases.weights):
+    total = np.zeros_like(xx)
+    for k, weight in enumerate(weights):
         apart = np.abs(place - k)
-        tent = np.maximum(1 - np.minimum(apart, DIRECTIONS - apart), 0)
-        if weight.any():
-            total += np.asarray(tent * cv2.resize(weight, (x.shape[1], x.shape[0])), np.float32)
-    return np.asarray(total * line, np.float32)
+        total += np.maximum(1 - np.minimum(apart, DIRECTIONS - apart), 0) * np.asarray(weight).ravel()[there]
+    share = np.zeros(x.shape, np.float32)
+    share.ravel()[there] = total * line
+    return share
 
 
 def _band(plane: Float32) -> Float32:
