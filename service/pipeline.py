@@ -56,7 +56,7 @@ from service.reflectance.subject import Subject
 from service.reflectance.surface_maps import surface_maps
 from service.runtime.network_registry import networks_of
 from service.runtime.networks import choose_engine, loading_ahead
-from service.runtime.sessions import has_openvino, openvino_library
+from service.runtime.sessions import few_heaps, has_openvino, openvino_library
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
 from service.texture.inpainting import grain
@@ -235,6 +235,7 @@ class FaceNetworks:
             reads: whether faces are to be read; without their networks they are not.
             ahead: load the head in the box and its usual chart, too.
         """
+        few_heaps()
         self.reads = reads and installed(READERS)
         kinds: list[Callable[[], Any]] = [FaceFinder, Recogniser, *([Readers, HairNetwork] if self.reads else [])]
         pool = ThreadPoolExecutor(2)

@@ -49,6 +49,7 @@ from service.reflectance.super_resolution import Grain, enlarge, resample
 from service.reflectance.translate import MapInputs, specular_albedo, tangent_normals
 from service.runtime.network_registry import CLUES, DRAWN_DETAIL, GEOMETRY, PARTS, SHADED_GREY
 from service.runtime.networks import Engine, lacks_openvino
+from service.runtime.sessions import release
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
 from service.texture.photo_detail import OwnDetail, PhotoDetail
@@ -174,9 +175,11 @@ def make_reflectance(
         normal, wrinkles = run("specular_normal", specular)
         made = replace(made, specular_normal=normal, wrinkles=wrinkles)
     if "diffuse_normal" in plan.stages:
-        normal, _ = run("diffuse_normal", lambda told: smoothed(tangent_normals("diffuse_normal", job(told))))
-        made = replace(made, diffuse_normal=normal)
+        both = run("diffuse_normal", lambda told: smoothed(tangent_normals("diffuse_normal", job(told))))
+        made = replace(made, diffuse_normal=both[0])
+        del both
     planes.channels.clear()
+    grey = None  # of the size of a map, and read no more
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         heights, how = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
@@ -215,6 +218,7 @@ class _Run:
         begin = time.perf_counter()
         told = lambda done: self._progress(name, self._done + share * done)  # noqa: E731
         result = self._stages.get_or_compute(name, lambda: make(told))
+        release()  # what the stage's strips and networks left
         self.timings[name] = time.perf_counter() - begin
         self._done += share
         return result
