@@ -80,10 +80,6 @@ def test_the_check_sees_a_trespass(source: str) -> None:
     assert trespasses(source, {"torch", "service.cli"})
 
 
-def test_the_check_knows_names_from_prefixes() -> None:
-    assert not trespasses("import torchlike\nfrom service.client import x", {"torch", "service.cli"})
-
-
 def module_name(file: Path) -> str:
     return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 

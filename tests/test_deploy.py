@@ -105,13 +105,6 @@ def test_all_that_serving_needs_is_sent_and_copied() -> None:
         assert below and all(sent(name) for name in below), f"COPY {source}: .dockerignore keeps it out"
 
 
-def test_what_the_project_file_names_is_copied() -> None:
-    """The build of the package fails without its readme and licences."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    for pattern in [project["readme"], *project["license-files"]]:
-        assert pattern.split("/")[0] in copied(), pattern
-
-
 def test_every_data_file_is_part_of_the_package() -> None:
     """A checkout has them all; the image has what the package data of pyproject.toml names."""
     patterns = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]["package-data"][
@@ -155,15 +148,6 @@ def test_the_image_runs_as_nobody_in_particular() -> None:
     assert "CMD [" in values("HEALTHCHECK")[0], "without a shell"
 
 
-def test_bases_are_pinned_and_the_same() -> None:
-    bases = [line.split()[0] for line in values("FROM")]
-    assert len(set(bases)) == 1
-    (version,) = (line.partition("=")[2] for line in values("ARG") if line.startswith("PYTHON_VERSION="))
-    assert re.fullmatch(r"3\.\d+\.\d+", version)
-    assert bases[0] == "python:${PYTHON_VERSION}-slim-bookworm${PYTHON_DIGEST}", "can be pinned by its content"
-    assert [name for name, _ in instructions()].index("FROM") > instructions().index(("ARG", 'PYTHON_DIGEST=""'))
-
-
 def test_every_file_that_is_installed_has_its_hash() -> None:
     (build, *_) = (line for line in values("RUN") if "pip" in line)
     installs = [part for part in build.split("&&") if " install " in part]
@@ -175,23 +159,6 @@ def test_every_file_that_is_installed_has_its_hash() -> None:
         for name, block in script("requirements").blocks(lock.read_text("ascii")).items():
             assert re.match(rf"{re.escape(name)}==\S+", block), (lock.name, name)
             assert "--hash=sha256:" in block, (lock.name, name)
-
-
-def test_the_locks_have_the_versions_that_are_tested() -> None:
-    pinned = r"^([A-Za-z0-9._-]+)==([^\s;]+)"
-    tested: dict[str, set[str]] = {}  # some have another version for another Python
-    for name, version in re.findall(pinned, (ROOT / "requirements.lock").read_text("utf-8"), re.MULTILINE):
-        tested.setdefault(name, set()).add(version)
-    for lock in sorted((DEPLOY / "locks").glob("*.txt")):
-        for name, version in re.findall(pinned, lock.read_text("ascii"), re.MULTILINE):
-            assert version in tested.get(name, {version}), f"{lock.name}: {name}; make lock"
-
-
-def test_every_extra_for_serving_has_a_lock() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
-    locks = {path.stem for path in (DEPLOY / "locks").glob("*.txt")}
-    no_image = {"dev", "train", "export", "cuda", "tensorrt"}  # and the image is for processors
-    assert locks == {"base", "build", *extras} - no_image
 
 
 def test_the_bill_of_materials_names_packages_and_data_files() -> None:
@@ -233,25 +200,6 @@ def test_no_torch_and_no_development_tool() -> None:
         script("requirements").requirements(["no-such-extra"])
 
 
-def test_both_runtimes_are_in_the_default_install_and_pinned() -> None:
-    """OpenVINO where it has wheels and helps; elsewhere the same lock installs without it."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    (wanted,) = (needed for needed in project["dependencies"] if needed.startswith("openvino"))
-    assert wanted.endswith("; platform_system == 'Linux' and platform_machine == 'x86_64'")
-    pinned = [line for line in (ROOT / "requirements.lock").read_text("utf-8").splitlines() if "==" in line]
-    assert any(re.fullmatch(r"onnxruntime==[\d.]+", line) for line in pinned), "the reference, everywhere"
-    (locked,) = (line for line in pinned if line.startswith("openvino=="))
-    assert "x86_64" in locked and "linux" in locked
-
-
-def test_the_requirements_of_extras_are_added_once() -> None:
-    command = [sys.executable, "deploy/requirements.py", "heic, s3"]
-    text = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    names = re.findall(r"^([A-Za-z0-9._-]+)==", text, re.MULTILINE)
-    assert {"numpy", "pillow-heif", "s3fs"} <= set(names)
-    assert len(names) == len(set(names))
-
-
 # --- names of settings
 
 
@@ -288,25 +236,6 @@ def test_containers_may_do_nothing_that_they_need_not(name: str) -> None:
         assert {"mem_limit", "pids_limit", "stop_grace_period", "restart"} <= set(service)
 
 
-@pytest.mark.parametrize("name", ["compose.yaml", "deploy/compose.workers.yaml"])
-def test_images_have_versions(name: str) -> None:
-    for service in document(name)["services"].values():
-        assert re.search(r":\d+\.\d", service["image"])
-
-
-def test_workers_have_lasting_names_of_their_own() -> None:
-    workers = [service for service in ours("deploy/compose.workers.yaml").values() if service["command"] == ["worker"]]
-    assert len(workers) > 1
-    for variable in ("AVATARME_WORKER", "AVATARME_DATA"):
-        assert len({worker["environment"][variable] for worker in workers}) == len(workers)
-    shared = {json.dumps(worker["environment"]["AVATARME_DATABASE"]) for worker in workers}
-    assert len(shared) == 1
-    for worker in workers:
-        assert "POSTGRES_PASSWORD" not in worker["environment"]["AVATARME_DATABASE"], "@ and % would break the address"
-        assert "POSTGRES_PASSWORD" in worker["environment"]["PGPASSWORD"]
-    assert document("deploy/compose.workers.yaml")["networks"]["back"]["internal"] is True
-
-
 # --- Kubernetes
 
 
@@ -322,14 +251,6 @@ def kustomized(folder: str) -> dict[str, dict[str, Any]]:
     said = subprocess.run(["kubectl", "kustomize", folder], cwd=ROOT, capture_output=True, text=True, check=False)
     assert said.returncode == 0, said.stderr
     return {f"{item['kind']}/{item['metadata']['name']}": item for item in yaml.safe_load_all(said.stdout)}
-
-
-def test_kustomize_makes_what_the_manifest_says() -> None:
-    made = kustomized("deploy/kubernetes/base")
-    assert set(made) == {"/".join(key) for key in objects()}
-    images = {pod["image"] for kind in ("Deployment/api", "StatefulSet/worker") for pod in containers(made[kind])}
-    assert images == {f"avatarme:{__version__}"}
-    assert made["StatefulSet/worker"]["spec"]["replicas"] == 3
 
 
 def containers(item: dict[str, Any]) -> list[dict[str, Any]]:
@@ -371,15 +292,6 @@ def test_pods_may_do_nothing_that_they_need_not(key: tuple[str, str]) -> None:
     assert rights["readOnlyRootFilesystem"] and not rights["allowPrivilegeEscalation"]
     assert rights["capabilities"] == {"drop": ["ALL"]}
     assert "memory" in container["resources"]["limits"]
-
-
-def test_the_name_of_a_worker_is_that_of_its_pod() -> None:
-    worker = objects()["StatefulSet", "worker"]["spec"]
-    (container,) = worker["template"]["spec"]["containers"]
-    names = {variable["name"]: variable for variable in container["env"]}
-    assert names["AVATARME_WORKER"]["valueFrom"]["fieldRef"]["fieldPath"] == "metadata.name"
-    assert names["AVATARME_DATABASE"]["valueFrom"]["secretKeyRef"]
-    assert container["args"] == ["worker"]
 
 
 def test_servers_have_keys_and_memory_for_the_largest_photo() -> None:
@@ -427,13 +339,6 @@ def test_healthy_is_who_takes_photos(status: int, healthy: bool) -> None:
         assert script("healthcheck").healthy({"AVATARME_PORT": str(port)}) is healthy
 
 
-def test_nobody_there_is_not_healthy() -> None:
-    with answering(200, []) as port:
-        pass
-    command = [sys.executable, "-I", "deploy/healthcheck.py"]
-    assert subprocess.run(command, cwd=ROOT, env={"AVATARME_PORT": str(port)}).returncode == 1
-
-
 def test_a_server_with_a_list_of_names_is_asked_by_its_address() -> None:
     hosts: list[str] = []
     with answering(200, hosts) as port:
@@ -466,12 +371,6 @@ def test_compose_files_fit_the_specification(name: str) -> None:
     assert said.returncode == 0, said.stdout
 
 
-def test_the_check_of_compose_files_sees_a_mistake(tmp_path: Path) -> None:
-    (tmp_path / "compose.yaml").write_text("services: {avatarme: {image: x, mem_limits: 2g}}\n")
-    command = [checker("check-jsonschema"), "--builtin-schema", "vendor.compose-spec", str(tmp_path / "compose.yaml")]
-    assert subprocess.run(command, capture_output=True, check=False).returncode != 0
-
-
 @pytest.mark.parametrize("key", sorted(objects()), ids="/".join)
 def test_kubernetes_knows_every_field(key: tuple[str, str]) -> None:
     kubernetes_validate = pytest.importorskip("kubernetes_validate", reason=f"kubernetes-validate {CHECKERS}")
@@ -479,3 +378,13 @@ def test_kubernetes_knows_every_field(key: tuple[str, str]) -> None:
     kubernetes_validate.validate(objects()[key], newest, strict=True)
     with pytest.raises(kubernetes_validate.ValidationError):
         kubernetes_validate.validate({**objects()[key], "specs": {}}, newest, strict=True)
+
+
+def test_the_locks_have_the_versions_that_are_tested() -> None:
+    pinned = r"^([A-Za-z0-9._-]+)==([^\s;]+)"
+    tested: dict[str, set[str]] = {}  # some have another version for another Python
+    for name, version in re.findall(pinned, (ROOT / "requirements.lock").read_text("utf-8"), re.MULTILINE):
+        tested.setdefault(name, set()).add(version)
+    for lock in sorted((DEPLOY / "locks").glob("*.txt")):
+        for name, version in re.findall(pinned, lock.read_text("ascii"), re.MULTILINE):
+            assert version in tested.get(name, {version}), f"{lock.name}: {name}; make lock"

@@ -6,7 +6,6 @@ import hashlib
 import os
 import re
 import subprocess
-import sys
 import tomllib
 from importlib import metadata
 from pathlib import Path
@@ -60,10 +59,6 @@ def test_the_version_is_one() -> None:
     assert released[:1] in ([], [__version__]), "the newest release in CHANGELOG.md is not the version of the package"
 
 
-def test_the_command_is_the_one_that_is_documented() -> None:
-    assert project()["project"]["scripts"] == {"avatarme": "service.cli.app:main"}
-
-
 def test_serving_needs_no_torch() -> None:
     names = {requirement_name(requirement) for requirement in project()["project"]["dependencies"]}
     assert not names & {"torch", "tensorflow", "anny", "mitsuba", "onnx"}
@@ -81,23 +76,6 @@ def test_make_knows_the_target_and_help_tells(target: str) -> None:
     subprocess.run(["make", "--dry-run", target], cwd=ROOT, check=True, capture_output=True)
     listing = subprocess.run(["make", "help"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
     assert re.search(rf"^ *make {target} ", listing, re.MULTILINE)
-
-
-def test_make_run_takes_a_photo_whose_name_has_spaces() -> None:
-    command = ["make", "--dry-run", "run", "PHOTO=a folder/my photo.jpg"]
-    recipe = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    assert 'photo="a folder/my photo.jpg"' in recipe
-
-
-def test_the_readme_starts_with_the_two_commands() -> None:
-    start = (ROOT / "README.md").read_text("utf-8")[:400]
-    assert start.index("make run") < start.index("make test")
-
-
-def test_continuous_integration_runs_make_test() -> None:
-    script = ROOT / ".ci" / "run"
-    assert os.access(script, os.X_OK)
-    assert "make test" in script.read_text("utf-8")
 
 
 def test_every_data_file_has_a_licence_and_its_checksum() -> None:
@@ -170,9 +148,3 @@ def test_no_private_key_and_no_large_file() -> None:
     for name, text in tracked_text().items():
         assert not re.search(r"-----BEGIN [A-Z ]*PRIVATE KEY", text), name
         assert len(text) < 2_000_000, f"{name}: text this long is data; it belongs in a data file"
-
-
-def test_python_m_service_is_the_command() -> None:
-    for command in ([sys.executable, "-m", "service"], [str(Path(sys.executable).parent / "avatarme")]):
-        child = subprocess.run([*command, "--version"], cwd=ROOT, check=True, capture_output=True, text=True)
-        assert child.stdout == f"avatarme {__version__}\n"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.metrics import aligned_distance, face_region, similarity
+from benchmarks.metrics import aligned_distance, similarity
 from service.geometry.camera import exp_rotation
 
 RNG = np.random.default_rng(4)
@@ -40,16 +40,3 @@ def test_a_bump_that_no_alignment_can_hide_is_measured() -> None:
 def test_points_that_coincide_do_not_divide_by_zero() -> None:
     scale, rotation, offset = similarity(np.zeros((5, 3)), np.ones((5, 3)))
     assert scale == 1.0 and np.array_equal(rotation, np.eye(3)) and np.allclose(offset, 1.0)
-
-
-def test_the_face_is_what_is_near_and_faces_the_camera() -> None:
-    """Of a plane before the camera the disc about the nose; nothing of it seen from the side or with its back."""
-    x, y = np.meshgrid(np.linspace(-0.3, 0.3, 61), np.linspace(0.3, -0.3, 61))
-    position = np.stack([x, y, np.zeros_like(x)], -1)
-    normal = np.broadcast_to([0.0, 0.0, 1.0], position.shape)
-    eyes = np.array([[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]])
-    found = face_region(position, normal, eyes, 0.0)
-    np.testing.assert_array_equal(found, np.hypot(x, y + 0.55 * 0.06) < 1.45 * 0.06)
-    assert (face_region(position, normal, eyes, 60.0) == found).all()
-    assert not face_region(position, normal, eyes, 75.0).any()
-    assert not face_region(position, -normal, eyes, 0.0).any()

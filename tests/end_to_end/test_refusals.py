@@ -42,19 +42,6 @@ def test_two_faces_are_refused_with_their_boxes_until_one_is_chosen(portrait: Pi
     np.testing.assert_allclose(manifest["input"]["face_box"], boxes[1], atol=0.1)
 
 
-def test_a_photo_without_a_face(portrait: Pixels, tmp_path: Path) -> None:
-    assert refused(jpeg(np.ascontiguousarray(portrait[240:])), tmp_path, 3)["code"] == "no-face"
-
-
-def test_an_all_grey_image(tmp_path: Path) -> None:
-    """No edge anywhere: scores and crops are normalised by what the picture holds, which is nothing."""
-    assert refused(png(np.full((512, 512, 3), 128, np.uint8)), tmp_path, 3)["code"] == "no-face"
-
-
-def test_a_text_file(tmp_path: Path) -> None:
-    assert refused(b"Dear diary, today I had my photo taken.\n", tmp_path, 4)["code"] == "unsupported-format"
-
-
 @pytest.mark.parametrize("share", [0.3, 0.98])
 def test_a_jpeg_that_was_cut_off(portrait: Pixels, tmp_path: Path, share: float) -> None:
     """Decoders fill the missing rows with grey; a head from half a face and half a grey block must not be made."""

@@ -13,7 +13,6 @@ import jsonschema
 import numpy as np
 from PIL import Image
 
-from service import diagnosis
 from service.archive.avatar import Avatar
 from service.archive.pack import archive_members
 from service.face.fit.landmark_fit import at_barycentric
@@ -22,30 +21,6 @@ from service.pipeline import make_avatar
 from tests.end_to_end.command import ROOT, avatarme
 from tests.end_to_end.conftest import QUICK, TEXTURE_ONLY, Pixels, Sample, png
 from tests.service.archive.test_meshes import validator_report
-
-EXPECTED = [
-    "manifest.json",
-    "LICENSES.md",
-    "maps/texture.png",
-    "maps/confidence.png",
-    "maps/shape_normal.png",
-    "mesh/head.obj",
-    "mesh/parts.obj",
-    "mesh/head.mtl",
-    "mesh/head.glb",
-    "mesh/head.usda",
-    "mesh/head.mtlx",
-    "preview/overlay.jpg",
-    "preview/sheet.jpg",
-]
-
-
-def test_the_archive_is_complete(sample: Sample) -> None:
-    assert [name for name in sample.members if not name.startswith("maps/parts/")] == EXPECTED
-    with zipfile.ZipFile(sample.path) as archive:
-        for entry in archive.infolist():
-            assert entry.compress_type == zipfile.ZIP_STORED
-            assert entry.date_time == (1980, 1, 1, 0, 0, 0)
 
 
 def test_the_manifest_obeys_its_schema_and_describes_the_files(sample: Sample) -> None:
@@ -56,12 +31,6 @@ def test_the_manifest_obeys_its_schema_and_describes_the_files(sample: Sample) -
     for entry in sample.manifest["maps"]:
         with Image.open(io.BytesIO(sample.members[entry["path"]])) as image:
             assert image.size == (entry["width"], entry["height"]) == (576, 384)
-
-
-def test_the_models_of_the_manifest_are_the_shipped_files(sample: Sample) -> None:
-    shipped = {file.sha256 for file in diagnosis.shipped_files()}
-    used = {model["sha256"] for model in sample.manifest["models"]}
-    assert len(used) >= 4 and used <= shipped
 
 
 def test_the_khronos_validator_accepts_the_head(sample: Sample, tmp_path: Path) -> None:
@@ -90,12 +59,6 @@ def test_the_camera_puts_the_head_where_the_face_is(sample: Sample, plain: Avata
     steady = ~np.isin(np.arange(len(gap)), head.contour_landmarks)
     eyes = np.linalg.norm(np.subtract(*plain.face.landmarks[[[33, 133], [362, 263]], :2].mean(1)))
     assert np.sqrt(np.mean(gap[steady] ** 2)) < 0.05 * eyes
-
-
-def test_what_it_costs(sample: Sample) -> None:
-    """Memory, and processor time, which other programs hardly change. Hair of strands takes a third of either."""
-    assert sample.run.rss_mb < 1250, str(sample.run)
-    assert sample.run.cpu_s < 15, str(sample.run)
 
 
 def test_a_turn_in_the_exif_data_changes_nothing_and_goes_no_further(

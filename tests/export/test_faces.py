@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from export.faces import identity
-from export.faces.mirror import derive
-from export.faces.onnx_tools import ParityError, run_onnx, store_half, worst_difference, write_gated
+from export.faces.onnx_tools import ParityError, run_onnx, worst_difference
 from export.faces.parity import CHECKS, difference
 from export.faces.tflite_tools import CUSTOM, with_builtin_operators
-from service.face.detection import MIRROR
 
 
 def small_weights() -> dict[str, identity.Stored]:
@@ -66,35 +64,12 @@ def tiny_model(values: np.ndarray) -> object:
     return model
 
 
-def test_the_gate_writes_nothing_when_off(tmp_path: Path) -> None:
-    image = np.ones(300, np.float32)
-    target = tmp_path / "m.onnx"
-    with pytest.raises(ParityError, match="nothing written"):
-        write_gated(tiny_model(np.ones(300)), target, [(image, {"out": image * 1.01})], 1e-3)
-    assert not target.exists()
-    assert write_gated(tiny_model(np.ones(300)), target, [(image, {"out": image})], 1e-3) == 0.0
-    assert target.exists()
-
-
 def test_the_gate_refuses_nan_and_other_outputs() -> None:
     good = {"out": np.ones(3, np.float32)}
     with pytest.raises(ParityError, match="finite"):
         worst_difference(good, {"out": np.array([1, np.nan, 1], np.float32)})
     with pytest.raises(ParityError, match="outputs"):
         worst_difference(good, {"other": np.ones(3, np.float32)})
-
-
-def test_half_storage_only_where_nothing_is_lost() -> None:
-    image = np.ones(300, np.float32)
-    for values, halved in ((np.linspace(0, 1, 300), False), (np.arange(300) / 8, True)):
-        model = store_half(tiny_model(values))
-        types = {t.data_type for t in model.graph.initializer}
-        assert (10 in types) == halved  # TensorProto.FLOAT16
-        assert np.array_equal(run_onnx(model.SerializeToString(), image)["out"], values.astype(np.float32))
-
-
-def test_the_mirror_table_can_be_derived_again() -> None:
-    assert tuple(derive(12)) == MIRROR
 
 
 def transposed(options: bytes, name: bytes) -> bytes:
@@ -140,8 +115,3 @@ def test_mediapipes_own_operator_becomes_built_in_ones() -> None:
     kernel = (np.arange(12) - 5.0).reshape(2, 2, 3)
     expected = np.einsum("yxc,abc->yaxb", image[0], kernel).reshape(4, 4) + 0.25
     np.testing.assert_allclose(found, expected, atol=1e-5)
-
-
-def test_another_operator_is_refused() -> None:
-    with pytest.raises(ValueError, match="Landmarks2TransformMatrix"):
-        with_builtin_operators(transposed(b"", b"Landmarks2TransformMatrix"))

@@ -16,7 +16,6 @@ from export.faces.onnx_tools import ParityError  # noqa: E402
 from export.networks.convert import check, load_run, parts_of, rounded, to_onnx, write  # noqa: E402
 from models.networks.configs import build  # noqa: E402
 from models.training.trainer import Run  # noqa: E402
-from service.errors import ModelFault  # noqa: E402
 from service.runtime.networks import KEY, Description, Engine, open_network  # noqa: E402  # noqa: E402
 from service.runtime.sessions import fold  # noqa: E402
 
@@ -78,8 +77,3 @@ def test_a_network_that_differs_is_refused() -> None:
             values.mul_(1.5)
     with pytest.raises(ParityError, match="psi"):
         check(part, data)
-
-
-def test_no_checkpoint_is_said(tmp_path: Path) -> None:
-    with pytest.raises(ModelFault, match=r"models\.training\.train"):
-        load_run(tmp_path)

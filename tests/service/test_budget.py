@@ -8,9 +8,8 @@ import pytest
 
 from service import budget
 from service.budget import OVER_BUDGET, NetworkSpeed, Speed, estimate_seconds, measure_speed, within_budget
-from service.levels import LEVELS
 from service.map_registry import MAP_NAMES
-from service.options import TEXTURE_MAPS, Options
+from service.options import Options
 from service.reflectance.reflectance_plan import ROLES, ReflectancePlan
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import toy_folder
@@ -35,17 +34,6 @@ def seconds(**asked: object) -> float:
     return estimate_seconds(SPEED, options, options.plan())
 
 
-def test_finer_levels_take_longer() -> None:
-    expected = [seconds(quality=name) for name in LEVELS]
-    assert expected == sorted(expected)
-    assert expected[0] < 0.3 * expected[1]
-
-
-def test_what_is_not_asked_for_costs_nothing() -> None:
-    assert seconds(maps=("diffuse_albedo",)) < seconds(maps=("diffuse_albedo", "displacement")) < seconds()
-    assert seconds(size=(3072, 2048)) < 0.5 * seconds()
-
-
 def test_the_measurement_covers_every_network(tmp_path: Path) -> None:
     networks = ReflectancePlan.of(ROLES).networks
     speed = measure_speed(Engine(threads=1, folder=toy_folder(tmp_path)), networks)
@@ -67,9 +55,3 @@ def test_the_best_level_that_fits(
     monkeypatch.setattr(budget, "expected", lambda options: times)
     found, told = within_budget(Options(maps=MAP_NAMES, budget=limit))
     assert (found.quality, told) == (level, warnings)
-
-
-def test_without_a_budget_or_networks_nothing_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(budget, "expected", lambda options: pytest.fail("measured for nothing"))
-    for options in (Options(maps=MAP_NAMES), Options(maps=TEXTURE_MAPS, budget=3.0)):
-        assert within_budget(options) == (options, ())

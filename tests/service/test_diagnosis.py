@@ -18,21 +18,11 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_an_untouched_file_is_well(folder: Path) -> None:
-    assert diagnosis.data_faults(folder) == []
-
-
 def test_one_flipped_bit_is_found(folder: Path) -> None:
     (folder / "sub" / "a file.bin").write_bytes(b"weighus")
     (fault,) = diagnosis.data_faults(folder)
     assert "a file.bin" in fault
     assert hashlib.sha256(b"weights").hexdigest() in fault
-
-
-def test_a_missing_file_is_found(folder: Path) -> None:
-    (folder / "sub" / "a file.bin").unlink()
-    (fault,) = diagnosis.data_faults(folder)
-    assert "a file.bin" in fault
 
 
 def test_a_missing_list_is_a_fault_of_its_own(tmp_path: Path) -> None:
@@ -47,18 +37,7 @@ def test_a_damaged_list_is_not_read_as_an_empty_one(tmp_path: Path, line: str) -
         diagnosis.data_faults(tmp_path)
 
 
-def test_the_machine_is_described() -> None:
-    cores = diagnosis.cpu()["cores"]
-    assert isinstance(cores, int)
-    assert cores >= 1
-    memory = diagnosis.memory_mb()
-    assert memory["total"] is None or memory["available"] is None or 0 < memory["available"] <= memory["total"]
-
-
-def test_versions_are_those_that_the_libraries_state() -> None:
-    import numpy as np
-
-    versions = diagnosis.library_versions()
-    assert versions["numpy"] == np.__version__
-    assert all(versions[name] for name in diagnosis.REQUIRED)
-    assert any(runtime.startswith("onnxruntime ") for runtime in diagnosis.runtimes())
+def test_a_missing_file_is_found(folder: Path) -> None:
+    (folder / "sub" / "a file.bin").unlink()
+    (fault,) = diagnosis.data_faults(folder)
+    assert "a file.bin" in fault

@@ -20,13 +20,10 @@ from service.archive.manifest import from_json, json_schema
 from service.archive.obj import obj_bytes, read_obj
 from service.archive.pack import archive_members
 from service.cli.app import app
-from service.errors import BadAspect, BadMesh, UnreadableInput, UsageError
-from service.external import check_aspect, external_maps, make_external, mesh_type, vertices_of
+from service.errors import BadAspect, BadMesh
+from service.external import check_aspect, make_external, mesh_type, vertices_of
 from service.head.files import save_head
 from service.options import Options
-from service.reflectance.reflectance_maps import Reflectance
-from service.reflectance.reflectance_plan import ReflectancePlan
-from service.reflectance.subject import Subject
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(16, 24)
@@ -117,47 +114,6 @@ def test_the_archive_says_that_there_was_no_photo(head_file: Path) -> None:
     ) == members  # fmt: skip
 
 
-def test_the_networks_run_as_for_a_photo(head_file: Path) -> None:
-    options = Options(maps=("diffuse_albedo", "specular_albedo"), quality="draft", size=(96, 64))
-    made = make_external(TEXTURE, MESH, options, head_file=head_file).reflectance
-    assert made is not None and made.diffuse_albedo is not None and made.specular_albedo is not None
-    assert made.diffuse_albedo.shape == (64, 96, 3)
-    assert np.ptp(made.diffuse_albedo.astype(int)) > 1000
-
-
-def test_a_finer_texture_keeps_its_detail(head_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is not brought down to the size that the enlarging network takes, and that network does not run."""
-    stripes = np.zeros((800, 1200, 3), np.uint8)
-    stripes[:, ::4] = 255
-    seen = {}
-
-    def reflectance(
-        texture: np.ndarray, subject: Subject, plan: ReflectancePlan, size: object, *_: object, **__: object
-    ) -> object:
-        seen[texture.shape[1]] = (plan.stages, float(texture.std()))
-        return Reflectance((1536, 1024))
-
-    monkeypatch.setattr("service.external.make_reflectance", reflectance)
-    options = Options(maps=("diffuse_albedo",), quality="standard")
-    for width, picture in ((1200, stripes), (576, stripes[:384, :576])):
-        make_external(encode_png(picture, srgb=True), MESH, options, head_file=head_file)
-        stages, contrast = seen[width]
-        assert ("super_resolution" in stages) == (width == 576)
-        assert contrast > 80
-
-
-def test_what_only_a_photo_gives_cannot_be_asked_for(head_file: Path) -> None:
-    assert "confidence" not in external_maps()
-    with pytest.raises(UsageError, match="confidence"):
-        make_external(TEXTURE, MESH, Options(maps=("confidence",)), head_file=head_file)
-
-
-@pytest.mark.parametrize("texture", [b"", b"nonsense", TEXTURE[:200]])
-def test_textures_go_through_the_gate(texture: bytes, head_file: Path) -> None:
-    with pytest.raises(UnreadableInput):
-        make_external(texture, MESH, Options(maps=("texture",)), head_file=head_file)
-
-
 def test_the_command(tmp_path: Path, head_file: Path) -> None:
     (tmp_path / "t.png").write_bytes(TEXTURE)
     (tmp_path / "h.obj").write_bytes(MESH)
@@ -176,3 +132,11 @@ def test_the_command(tmp_path: Path, head_file: Path) -> None:
     assert json.loads(wrong.stdout.splitlines()[-1])["error"]["code"] == "unsupported-format"
     both = CliRunner().invoke(app, ["maps", "--texture", "-", "--mesh", "-", "-o", str(out)])
     assert both.exit_code == 2
+
+
+def test_the_networks_run_as_for_a_photo(head_file: Path) -> None:
+    options = Options(maps=("diffuse_albedo", "specular_albedo"), quality="draft", size=(96, 64))
+    made = make_external(TEXTURE, MESH, options, head_file=head_file).reflectance
+    assert made is not None and made.diffuse_albedo is not None and made.specular_albedo is not None
+    assert made.diffuse_albedo.shape == (64, 96, 3)
+    assert np.ptp(made.diffuse_albedo.astype(int)) > 1000

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,7 +11,6 @@ from pydantic import TypeAdapter
 
 from service.checks import shown
 from service.errors import UsageError
-from service.levels import LEVELS
 from service.map_registry import MAP_NAMES
 from service.options import (
     LARGEST_SEED,
@@ -20,11 +18,9 @@ from service.options import (
     Options,
     default_maps,
     parse_face,
-    parse_maps,
     parse_size,
     parse_texture_size,
 )
-from service.runtime.network_registry import REGISTRY
 
 NAN, INF = float("nan"), float("inf")
 WRONG: dict[str, tuple[Any, ...]] = {
@@ -53,21 +49,6 @@ def test_a_value_out_of_range_is_refused_with_name_value_and_what_would_be_right
     assert right.removeprefix("it has to be ") != "one of None", "a type without words for what is right"
 
 
-def test_a_choice_lists_what_there_is() -> None:
-    with pytest.raises(UsageError, match=r"it has to be one of 8, 16$"):
-        Options(bits=12)  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="it has to be one of draft, standard, high, reference"):
-        Options(quality="best")  # type: ignore[arg-type]
-
-
-def test_a_name_that_is_no_option_is_refused() -> None:
-    with pytest.raises(UsageError, match="Options has no 'colour'; it has maps, quality") as refusal:
-        Options(colour=1)  # type: ignore[call-arg]
-    assert refusal.value.extra["field"] == "colour"
-    with pytest.raises(UsageError, match="each by its name"):
-        Options(("texture",))  # type: ignore[call-arg]
-
-
 @pytest.mark.parametrize(("name", "text"), [("seed", "7"), ("detail", "1"), ("iterations", "8"), ("seed", 7.0)])
 def test_nothing_is_converted_behind_the_callers_back(name: str, text: Any) -> None:
     """``"7"`` for a number is a mistake of the caller's, which another value would hide."""
@@ -84,23 +65,6 @@ def test_what_was_asked_comes_back_from_its_json() -> None:
     assert Options(**read) == TypeAdapter(Options).validate_python(read) == asked
     with pytest.raises(UsageError, match="seed is -1"):
         TypeAdapter(Options).validate_python(read | {"seed": -1})
-
-
-def test_a_copy_is_checked_too() -> None:
-    with pytest.raises(UsageError, match="detail is 2"):
-        replace(Options(), detail=2)
-
-
-def test_the_message_offers_a_size_that_is_accepted() -> None:
-    for size in ((1000, 1000), (1, 1), (10**9, 1)):
-        with pytest.raises(UsageError) as refusal:
-            Options(size=size)
-        offered = parse_size(refusal.value.message.rpartition(" ")[2])
-        assert Options(size=offered).map_size == offered
-
-
-def test_maps_keep_the_order_of_the_archive_so_that_equal_requests_give_equal_bytes() -> None:
-    assert Options(maps=MAP_NAMES[::-1]) == Options(maps=MAP_NAMES)
 
 
 def list_networks(monkeypatch: pytest.MonkeyPatch, names: Collection[str]) -> None:
@@ -149,27 +113,6 @@ def test_the_texture_s_size_is_auto_or_on_the_chart() -> None:
         Options(texture_size=(1152, 700))
 
 
-def test_stages_that_nobody_asked_for_do_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    list_networks(monkeypatch, {one.name for one in REGISTRY})
-    assert Options(maps=TEXTURE_MAPS).plan().stages == ()
-    assert Options(maps=("diffuse_albedo",)).plan().stages == ("super_resolution", "diffuse_albedo")
-    assert Options(maps=("diffuse_albedo",), quality="draft").plan().stages == ("diffuse_albedo",)
-    assert Options(maps=("displacement",), size=(1536, 1024)).plan().stages == (
-        "diffuse_albedo", "specular_normal", "displacement",
-    )  # fmt: skip
-
-
-def test_bits_follow_the_level_unless_they_are_asked_for() -> None:
-    assert [Options(quality=name).normal_bits for name in LEVELS] == [8, 8, 16, 16]  # type: ignore[arg-type]
-    assert Options(bits=16).normal_bits == 16
-    assert Options(quality="high", bits=8).normal_bits == 8
-
-
-def test_the_knobs_reach_the_fit() -> None:
-    settings = Options(fit="dense", identity_components=12, iterations=3).fit_settings()
-    assert (settings.refine, settings.identity_components, settings.iterations) == ("dense", 12, 3)
-
-
 @given(st.text(max_size=20))
 @example("0\x1f")
 @example("0\xa0")
@@ -183,16 +126,3 @@ def test_any_text_is_parsed_or_refused(text: str) -> None:
         assert text.isascii()
         assert "_" not in text
         assert parsed == "largest" or all(number >= 0 for number in ([parsed] if isinstance(parsed, int) else parsed))
-
-
-def test_what_people_type_is_understood() -> None:
-    assert parse_size("1152x768") == parse_size(" 1152X768") == (1152, 768)
-    assert parse_face("2") == 2
-    assert parse_face("Largest") == "largest"
-    assert parse_maps("texture, shape-normal") == ("texture", "shape_normal")
-
-
-@pytest.mark.parametrize("text", ["", "576", "x", "576x", "x384", "576x384x1", "1e3x1e3", "-3x-2", "9" * 5000 + "x1"])
-def test_a_size_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(UsageError, match="size"):
-        parse_size(text)

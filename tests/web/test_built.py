@@ -11,7 +11,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 WEB = ROOT / "web"
@@ -49,17 +48,6 @@ def test_every_picture_is_shown_and_every_shown_picture_is_there() -> None:
     shown = {attributes["src"] for tag, attributes in Tags().found if tag == "img" and attributes.get("src")}
     there = {path.relative_to(STATIC).as_posix() for path in built() if path.suffix in (".jpg", ".svg")}
     assert shown == there - {"sample.jpg"}, "sample.jpg is handed in, not shown"
-
-
-def test_pictures_of_the_gallery_are_plain() -> None:
-    """No metadata, and the sizes that the page reserves for them, so that nothing jumps when they come."""
-    for tag, attributes in Tags().found:
-        if tag != "img" or not (attributes.get("src") or "").startswith("gallery/"):
-            continue
-        with Image.open(STATIC / str(attributes["src"])) as picture:
-            assert not picture.getexif()
-            width, height = int(str(attributes["width"])), int(str(attributes["height"]))
-            assert abs(picture.width / picture.height - width / height) < 0.01, attributes["src"]
 
 
 def test_nothing_comes_from_another_server_and_nothing_is_inline() -> None:

@@ -66,21 +66,6 @@ def test_options_are_those_that_were_chosen(fake: Fake, open_page: Opener) -> No
     assert fake.options == [{"quality": "draft", "maps": maps, "face": "largest", **looks}]
 
 
-def test_without_a_photo_it_says_so(fake: Fake, open_page: Opener) -> None:
-    page = open_page(fake.address)
-    page.click("#go")
-    assert "no photo" in fault_text(page)
-    assert not fake.jobs
-
-
-def test_polling_where_there_are_no_events(fake: Fake, open_page: Opener) -> None:
-    fake.streams = False
-    page = open_page(fake.address, expected=(REFUSED,))
-    submit(page)
-    done(page)
-    assert any((method, path) == ("GET", f"/v1/avatars/{next(iter(fake.jobs))}") for method, path, _ in fake.requests)
-
-
 def test_a_broken_stream_goes_on_where_it_was(fake: Fake, open_page: Opener) -> None:
     fake.cut_after = 2
     fake.step_s = 0.5
@@ -103,13 +88,6 @@ def test_a_failed_job_says_why_and_keeps_the_photo(fake: Fake, open_page: Opener
     assert page.evaluate("document.activeElement.id") == "fault"
     page.click("#go")
     done(page)
-
-
-def test_a_refused_upload_says_why(fake: Fake, open_page: Opener) -> None:
-    fake.refuse = problem("too-large", 413, "The upload is too large", "it has 41 MB; 32 MB are taken")
-    page = open_page(fake.address, expected=(REFUSED,))
-    submit(page)
-    assert "41 MB" in fault_text(page)
 
 
 def test_trying_again_after_a_lost_answer_makes_one_job(fake: Fake, open_page: Opener) -> None:
@@ -144,17 +122,6 @@ def test_choosing_a_face_is_a_question_and_no_error(fake: Fake, open_page: Opene
     done(page)
     assert [options.get("face") for options in fake.options] == [None, 1]
     assert [options["quality"] for options in fake.options] == ["standard"] * 2, "the other options stay"
-
-
-def test_choosing_a_face_after_a_reload(fake: Fake, open_page: Opener) -> None:
-    """The photo is gone from the page then, and has to be chosen again."""
-    fake.error, fake.step_s = TWO_FACES, 0.6
-    page = open_page(fake.address)
-    submit(page)
-    page.wait_for_url("**/#avatar=*")
-    page.reload()
-    page.wait_for_selector("#ask-again:not([hidden]):has-text('3 faces')")
-    assert not page.is_visible("#fault")
 
 
 def test_cancel(fake: Fake, open_page: Opener) -> None:
@@ -195,16 +162,6 @@ def test_a_link_to_a_head_that_is_gone_says_why(reason: str | None, words: str, 
     page.click("#restart-gone")
     assert page.is_visible("#intake")
     assert page.evaluate("document.activeElement.id") == "file"
-
-
-def test_a_head_that_expires_while_it_is_looked_at(fake: Fake, open_page: Opener) -> None:
-    """A browser would save the error message as head.glb."""
-    page = open_page(fake.address, expected=(REFUSED,))
-    make_head(page)
-    fake.gone[next(iter(fake.jobs))] = "expired"
-    page.click("#download")
-    page.wait_for_selector("#gone:not([hidden])")
-    assert "expired" in page.inner_text("#gone-title")
 
 
 def test_delete_asks_first(fake: Fake, open_page: Opener) -> None:

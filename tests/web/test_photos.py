@@ -103,19 +103,3 @@ def test_which_photo_was_used_for_what(archive: Path, tmp_path: Path, open_page:
     ]
     assert pictures == [PHOTO.name, OTHER.name], "found by their hashes, not by their order"
     assert compared == 512, "the head is compared with the photo that its camera belongs to"
-
-
-def test_the_guide_at_the_camera_takes_three_pictures(fake: Fake, open_page: Opener) -> None:
-    page = open_page(fake.address)
-    page.click("#guide-open")
-    page.wait_for_selector("#guide[open]")
-    page.click("#guide-start")
-    for title in ("Look straight ahead", "Turn left", "Turn right"):
-        page.wait_for_selector(f"#guide-title:has-text('{title}')")
-    count(page, 3)
-    assert page.is_hidden("#guide")
-    assert page.evaluate("document.getElementById('guide-video').srcObject") is None, "the camera is off"
-    page.click("#guide-open")
-    page.click("#guide-close")
-    page.wait_for_selector("#guide", state="hidden")
-    count(page, 3)

@@ -74,17 +74,6 @@ def test_photo_and_head_lie_on_each_other(reloaded: bool, made: Page) -> None:
     assert np.hypot(*off) < 0.012 * height, f"the head lies {off} pixels beside the photo"
 
 
-def test_comparing_ends_where_it_began(made: Page) -> None:
-    before, lamp = picture(made), made.input_value("#light-azimuth")
-    made.click("#inset")
-    settle(made)
-    assert made.input_value("#light-azimuth") != lamp, "the lamp goes to where the photo's light is"
-    assert made.get_attribute("#canvas", "tabindex") == "-1"
-    made.check("input[name=drag][value=head]", force=True)
-    assert made.input_value("#light-azimuth") == lamp
-    assert np.abs(before - picture(made)).max() < 0.02
-
-
 def test_what_there_is_to_download(made: Page, archive: Path) -> None:
     with zipfile.ZipFile(archive) as opened:
         glb = opened.read("mesh/head.glb")
@@ -115,18 +104,6 @@ def test_a_download_can_be_cancelled_or_break(made: Page) -> None:
     made.click("#download:has-text('Download')")
     made.wait_for_selector("#download-status:has-text('That did not work')")
     assert made.is_visible("#canvas"), "the head stays"
-
-
-def test_delete_is_far_from_download(made: Page) -> None:
-    """Not beside it, not the next stop of the Tab key, and after everything else in the panel."""
-    download_at, delete_at = made.locator("#download").bounding_box(), made.locator("#delete").bounding_box()
-    assert download_at and delete_at
-    assert delete_at["y"] - download_at["y"] > 300
-    made.locator("#download").focus()
-    made.keyboard.press("Tab")
-    assert made.evaluate("document.activeElement.id") != "delete"
-    assert made.eval_on_selector_all("#panel button", "buttons => buttons.at(-1).id") == "delete"
-    assert "2046" in made.inner_text(".keep"), "how long it is kept"
 
 
 @pytest.mark.parametrize("reloaded", [False, True])

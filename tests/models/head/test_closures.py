@@ -6,13 +6,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from models.head.closures import closed
 from models.head.crossing import crossing_pairs
 from models.head.lids import find_lids
-from models.head.lips import OPENERS, Lips, find_lips
+from models.head.lips import Lips, find_lips
 from models.head.piercing import groups
 from models.head.shoot import look_at
-from service.errors import ModelFault
 from service.geometry.raster import rasterise
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -64,27 +62,11 @@ def test_lips_touch_in_every_identity(head: HeadModel, lips: Lips) -> None:
         assert gap(head, lips, head.shape(identity)) < GAP_M
 
 
-def test_units_that_do_not_open_the_mouth_leave_the_lips_closed(head: HeadModel, lips: Lips) -> None:
-    random = np.random.default_rng(5)
-    shut = np.array([name not in (*OPENERS, "mouthClose", "tongueOut") for name in head.expression_names])
-    for _ in range(20):
-        assert gap(head, lips, head.shape(np.zeros(0), random.uniform(0, 1, len(shut)) * shut)) < GAP_M
-
-
 @pytest.mark.parametrize("share", [0.2, 0.6, 1.0])
 def test_mouth_close_closes_an_open_jaw(head: HeadModel, lips: Lips, share: float) -> None:
     for identity in identities(head, 10):
         assert gap(head, lips, head.shape(identity, activation(head, jawOpen=share))) > 0.2 * share * 0.02
         assert gap(head, lips, head.shape(identity, activation(head, jawOpen=share, mouthClose=share))) < 2 * GAP_M
-
-
-def test_the_seam_is_curved_as_a_cupids_bow(head: HeadModel, lips: Lips) -> None:
-    row = head.mean[lips.contact][lips.upper]
-    middle, side, end = (
-        row[np.abs(np.abs(row[:, 0]) - x) < 0.0025, 1].mean() for x in (0.0, 0.012, np.abs(row[:, 0]).max())
-    )
-    assert side - middle > 0.0008
-    assert side - end > 0.0008
 
 
 def pixels(head: HeadModel, vertices: npt.NDArray[np.float32], centre: Float, pitch_deg: float = 0.0) -> dict[str, int]:
@@ -124,29 +106,9 @@ def test_a_blink_covers_the_eye_and_ends_on_the_lower_lid(head: HeadModel) -> No
         assert np.abs(below).max() < 0.0025
 
 
-def test_tongue_out_opens_the_lips(head: HeadModel, lips: Lips) -> None:
-    assert gap(head, lips, head.shape(np.zeros(0), activation(head, tongueOut=1.0))) > 0.006
-
-
 def test_lips_do_not_cross(head: HeadModel) -> None:
     surfaces = groups(head)
     for name in ("neutral", *head.expression_names):
         units = {name: 1.0} | ({"jawOpen": 1.0} if name == "mouthClose" else {})
         vertices = head.shape(np.zeros(0), activation(head, **units)).astype(float)
         assert not len(crossing_pairs(vertices, surfaces["lip_upper"], surfaces["lip_lower"])), name
-
-
-def test_crossing_triangles_are_found_and_touching_ones_are_not() -> None:
-    flat = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]])
-    through = np.array([[0.2, 0.2, -0.5], [0.3, 0.2, 0.5], [0.9, 0.9, 0.5]])
-    touching = through + np.array([0, 0, 0.5 + 1e-5])
-    first, second = np.array([[0, 1, 2]]), np.array([[3, 4, 5]])
-    assert len(crossing_pairs(np.r_[flat, through], first, second)) == 1
-    assert len(crossing_pairs(np.r_[flat, touching], first, second)) == 0
-    assert len(crossing_pairs(flat, first, first)) == 0
-    assert len(crossing_pairs(flat, first, np.zeros((0, 3), int))) == 0
-
-
-def test_a_closed_head_is_not_closed_again(head: HeadModel) -> None:
-    with pytest.raises(ModelFault, match="avatarme-cc0-head-1"):
-        closed(head)

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.head.import_ict import arkit_units, one_image
 from models.head.import_npz import read_npz
-from models.head.importing import Source, convert, mirror_table
+from models.head.importing import Source, convert
 from models.head.shoot import look_at
 from service.errors import ModelFault
 from service.face.finder import Face
@@ -72,35 +71,6 @@ def test_the_fitter_takes_an_imported_head() -> None:
     assert fit.landmark_rms_px < 0.03 * fit.inter_ocular_px
     assert abs(fit.camera.yaw_pitch_roll_deg()[0] - 18.0) < 4.0
     assert fit.vertices.shape == head.mean.shape
-
-
-def test_wrong_unit_is_noticed() -> None:
-    source = foreign()
-    wrong = Source(**{**source.__dict__, "neutral": source.neutral * [1, 1, -1]})
-    with pytest.raises(ModelFault, match=r"\+Z forward"):
-        convert(wrong, load_head())
-
-
-def test_mirror_table_pairs_only_mutual_neighbours() -> None:
-    points = np.array([[0.03, 0, 0], [-0.03, 0, 0], [0, 0.05, 0], [0.09, 0, 0]])
-    np.testing.assert_array_equal(mirror_table(points), [1, 0, 2, 3])
-
-
-def test_ict_names_become_arkits() -> None:
-    offsets = np.arange(5, dtype=float)[:, None, None] * np.ones((5, 2, 3))
-    names, units = arkit_units(["browInnerUp_L", "browInnerUp_R", "eyeBlink_L", "jawOpen", "PupilDilate_L"], offsets)
-    assert names == ("browInnerUp", "eyeBlinkLeft", "jawOpen", "ict_PupilDilate_L")
-    np.testing.assert_allclose(units[:, 0, 0], [1, 2, 3, 4])
-
-
-def test_ict_tiles_share_one_image() -> None:
-    uv = np.array([[0.0, 0.0], [0.99, 0.99], [1.0, 0.0], [1.99, 0.99]])
-    out = one_image(uv, np.array([[0, 1, 2, 3]]))
-    assert out.min() >= 0
-    assert out.max() <= 1
-    assert out[:2, 0].max() < 2 / 3 <= out[2:, 0].min()
-    with pytest.raises(ModelFault, match="tiles"):
-        one_image(uv + np.array([2, 0]), np.array([[0, 1, 2, 3]]))
 
 
 def test_generic_import_names_what_is_missing(tmp_path: Path) -> None:

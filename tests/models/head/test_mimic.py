@@ -7,10 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from models.head.crossing import crossing_pairs
-from models.head.lids import find_lids
-from models.head.mimic import changed
 from models.head.piercing import count, groups
-from service.errors import ModelFault
 from service.geometry.mesh import face_normals, vertex_normals
 from service.geometry.raster import rasterise
 from service.head.files import load_head
@@ -59,17 +56,6 @@ def test_a_shut_lid_has_no_dark_lines(head: HeadModel) -> None:
         assert (bright < 0.7 * np.median(bright)).mean() < 0.01  # where the lids meet; it was 0.02 to 0.06
 
 
-def test_the_rows_of_a_shut_lid_lie_below_each_other(head: HeadModel) -> None:
-    regions = dict(zip(head.region_names, head.regions.astype(np.float64), strict=True))
-    lids = find_lids(
-        head.mean.astype(np.float64), head.polygons[head.polygon_part == 0].astype(np.int64), regions, "left"
-    )
-    shut = posed(head, np.zeros(0), eyeBlinkLeft=1.0)
-    middle = np.abs(shut[lids.contact, 0] - shut[lids.contact, 0].mean()) < 0.008
-    face = lids.outer[lids.upper & middle, 2:]
-    assert (np.diff(shut[face, 1], axis=1) > 0.0005).all()  # from the edge up: no row hides behind the one before
-
-
 def test_a_smile_does_not_fold_the_cheek(head: HeadModel) -> None:
     outer = np.maximum(np.maximum(head.region("mouth_inner"), head.region("lips")), head.region("nose")) < 0.05
     skin = head.triangles[head.triangle_part == 0].astype(np.int64)
@@ -103,8 +89,3 @@ def test_nothing_crosses(head: HeadModel, units: dict[str, float]) -> None:
         assert count(head, posed(head, identity, **units), surfaces) == {}
     lips = (surfaces["lip_upper"], surfaces["lip_lower"])
     assert not len(crossing_pairs(posed(head, np.zeros(0), **units), *lips))
-
-
-def test_a_changed_head_is_not_changed_again(head: HeadModel) -> None:
-    with pytest.raises(ModelFault, match="gather already"):
-        changed(head)

@@ -7,8 +7,7 @@ import pytest
 
 from models.head.crossing import crossing_pairs
 from models.head.piercing import groups, with_insets
-from models.head.tongue import UP_M, changed
-from service.errors import ModelFault
+from models.head.tongue import UP_M
 from service.head.files import load_head
 from service.head.model import HeadModel
 
@@ -36,8 +35,3 @@ def test_a_resting_tongue_stays_behind_the_upper_teeth(head: HeadModel) -> None:
     tip = tongue[tongue[:, 2] > tongue[:, 2].max() - 0.003]
     lower = points[np.unique(surfaces["teeth_lower_gums"])]
     assert tip[:, 1].mean() > lower[np.abs(lower[:, 0]) < 0.006, 1].mean() - 0.5 * UP_M
-
-
-def test_a_head_whose_tongue_passes_is_refused(head: HeadModel) -> None:
-    with pytest.raises(ModelFault, match="already"):
-        changed(head)

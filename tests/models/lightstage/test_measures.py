@@ -32,21 +32,8 @@ def test_height_comes_back_from_its_slopes() -> None:
     assert m.correlation(again[inner], height[inner]) > 0.95  # would break: a sign, or y down
 
 
-def test_correlation_of_nothing_is_zero() -> None:
-    assert m.correlation(np.ones((4, 4)), np.random.default_rng(0).normal(size=(4, 4))) == 0.0
-
-
 def test_black_and_flat_patches_are_described() -> None:
     black = np.zeros((256, 256))
     numbers = m.describe(m.Patch("black", np.zeros((256, 256, 3)), np.zeros((2, 256, 256)), 14.0, black))
     assert all(np.isfinite(v) for v in numbers.values())
     assert numbers["tilt deg"] == 0.0
-
-
-def test_the_detail_of_gloss_is_relative_to_its_level() -> None:
-    """Half as glossy a person has the same detail, and a wave is found in its own band."""
-    bright = 0.6 * np.exp(0.1 * _wave(1.2))
-    one, half = (m.gloss_bands(level * bright, 10.0) for level in (1.0, 0.5))
-    assert one == pytest.approx(half)
-    assert one["gloss 0.8-1.6"] == pytest.approx(10.0 * np.sqrt(0.5), rel=0.02)
-    assert max(one["gloss 0.4-0.8"], one["gloss 1.6-3"]) < 0.5

@@ -8,7 +8,7 @@ pytest.importorskip("moderngl", reason="moderngl is not installed: pip install '
 
 from models.head.embedding import CONTOUR
 from models.head.shoot import look_at
-from models.people.calibrate import LOWER_INNER, UPPER_INNER, Hits, back_project, embed, robust_centre
+from models.people.calibrate import LOWER_INNER, UPPER_INNER, Hits, back_project, embed
 from models.people.make import Portrait
 from service.face.fit.landmark_fit import LandmarkModel
 from service.geometry.camera import Camera
@@ -51,15 +51,6 @@ def test_a_landmark_is_carried_back_to_where_it_was_seen(head: HeadModel, yaw: f
     assert np.percentile(np.linalg.norm(found - on_mean, axis=1)[seen], 90) < 1.0e-3
 
 
-def test_a_landmark_beside_the_head_has_no_place(head: HeadModel) -> None:
-    """The nearest pixel of the head would draw the embedding to its outline."""
-    camera = look_at(0.0, 0.0, 0.0, 0.8, SIZE, 1400.0)
-    landmarks = camera.project((head.mean[head.triangles[head.landmark_triangle]]).mean(1))
-    landmarks[5] = [2.0, 2.0]
-    found = back_project(head, shown(head, head.mean, camera), landmarks)
-    assert np.isnan(found[5]).all() and np.isfinite(found[[1, 4]]).all()
-
-
 def test_what_is_hit_is_embedded_whatever_some_hits_do(head: HeadModel) -> None:
     """Moved by a network's habit of 3 mm, with scatter, and a tenth of the subjects misread."""
     random = np.random.default_rng(3)
@@ -79,8 +70,3 @@ def test_what_is_hit_is_embedded_whatever_some_hits_do(head: HeadModel) -> None:
     off = (places - model.at_yaw(0.0).mean)[fixed]
     assert np.median(off[:, 1]) == pytest.approx(-0.003, abs=7e-4) and abs(np.median(off[:, 0])) < 3e-4
     assert np.median(spreads[fixed]) == pytest.approx(0.001, abs=4e-4)
-
-
-def test_no_hit_has_no_centre() -> None:
-    with pytest.raises(ValueError, match="no point"):
-        robust_centre(np.full((3, 3), np.nan))

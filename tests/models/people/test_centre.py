@@ -1,7 +1,5 @@
 """Centring the embedding on real faces: a habit that the landmark network has on all of them moves the landmarks."""
 
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ pytest.importorskip("torch", reason="torch is not installed: pip install '.[trai
 
 from models.head.shoot import look_at
 from models.people.calibrate import LOWER_INNER, UPPER_INNER
-from models.people.centre import FEWEST_FACES, faces_in, median_residual, moved, residual
+from models.people.centre import FEWEST_FACES, median_residual, moved, residual
 from service.face.finder import Face
 from service.face.fit.landmark_fit import LandmarkModel
 from service.head.files import load_head
@@ -65,21 +63,3 @@ def test_landmarks_stay_on_their_lip_and_outlines_move_at_every_yaw(head: HeadMo
     drop = -head.expression[head.expression_names.index("jawOpen")][:, 1]
     with_jaw = (drop > 0.25 * drop.max())[head.triangles[after.landmark_triangle]]
     assert with_jaw[list(LOWER_INNER)].all() and not with_jaw[list(UPPER_INNER)].any()
-
-
-def test_turned_and_misread_faces_are_left_out(head: HeadModel) -> None:
-    photo, face, _ = seen(head, 0.0)
-    assert residual(head, photo, face, None) is not None
-    assert residual(head, *seen(head, 35.0)) is None
-    wild = face.landmarks + np.random.default_rng(2).normal(0.0, 12.0, face.landmarks.shape)
-    assert residual(head, photo, replace(face, landmarks=wild), None) is None
-
-
-def test_too_few_faces_have_no_median() -> None:
-    with pytest.raises(ValueError, match="at least"):
-        median_residual([np.zeros((468, 2))] * (FEWEST_FACES - 1))
-
-
-def test_a_folder_without_photos_is_told(tmp_path: Path) -> None:
-    with pytest.raises(SystemExit, match="no photos"):
-        list(faces_in(tmp_path))

@@ -18,7 +18,6 @@ from models.people.make import HAIRY, Portrait, portrait
 from models.people.person import draw_person, lid_openings, the_head
 from models.people.skins import BEARDS, HEIGHT, WIDTH, Skin
 from models.people.strands import SHARED, carried
-from models.people.wardrobe import load_wardrobe
 from service.errors import ModelFault
 from service.face.reading import part_labels as labels
 from service.geometry.chart import Chart
@@ -125,15 +124,6 @@ def test_every_pixel_has_a_part_and_what_hides_the_face_has_no_chart(portraits: 
     assert {labels.BACKGROUND, labels.SKIN, labels.IRIS, labels.SCLERA, labels.HAIR, labels.CLOTH} <= seen
 
 
-def test_the_same_seed_gives_the_same_bytes(portraits: list[Portrait]) -> None:
-    first, again = portraits[3], portraits[-1]
-    assert first.seed == again.seed
-    assert first.jpeg == again.jpeg
-    for name in ("image", "chart", "normal", "depth", "part", "points", "vertices"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
-    assert portraits[3].jpeg != portraits[4].jpeg
-
-
 def test_strands_run_from_root_to_tip_where_hair_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """Long hair that hangs runs down the picture; where nothing covers a pixel there is no direction."""
     plainly(monkeypatch)
@@ -168,29 +158,6 @@ def test_grooms_follow_the_head_that_they_are_carried_to() -> None:
         assert np.median(np.abs(after - before)) < 0.003
 
 
-def test_another_makers_hair_is_a_mesh_whose_kind_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    plainly(monkeypatch)
-    shown = [portrait(seed, SIZE, framing="hair", meshes=("long01",)) for seed in range(4)]
-    assert all(set(p.kinds.values()) == {""} for p in shown if (p.hair > 0).any())
-    assert max(float((p.hair > 0.5).mean()) for p in shown) > 0.05
-
-
-def test_pictures_are_pictures(portraits: list[Portrait]) -> None:
-    for p in portraits:
-        assert p.image.shape == (SIZE, SIZE, 3)
-        assert p.image.std() > 5.0, f"portrait {p.seed} is nearly one colour"
-
-
-def test_landmarks_that_nothing_hides_lie_on_charted_pixels(portraits: list[Portrait]) -> None:
-    shown = 0
-    for p in portraits:
-        assert p.points.shape == (478, 2)
-        row, column = np.floor(p.points[p.seen][:, ::-1]).astype(int).T
-        assert np.isfinite(p.chart[row, column, 0]).all()
-        shown += int(p.seen.sum())
-    assert shown > 0.3 * 478 * len(portraits)
-
-
 def test_closed_eyes_show_no_iris() -> None:
     """Of many people; by geometry: the lids meet, or the eyeball stands behind them."""
     names = the_head().expression_names
@@ -198,16 +165,6 @@ def test_closed_eyes_show_no_iris() -> None:
     assert len(closed) > 5
     for seed in closed:
         assert lid_openings(draw_person(seed).vertices).max() < 1.0
-
-
-def test_portraits_with_closed_eyes_have_no_iris_pixels(
-    portraits: list[Portrait], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    names = the_head().expression_names
-    closed = [seed for seed in range(100) if draw_expression(seed, names)[1] == "closed"][:6]
-    plainly(monkeypatch)
-    for seed in closed:
-        assert not np.isin(portrait(seed, SIZE).part, (labels.IRIS, labels.SCLERA)).any(), seed
 
 
 def test_expressions_are_possible_and_lids_open_by_state() -> None:
@@ -220,33 +177,6 @@ def test_expressions_are_possible_and_lids_open_by_state() -> None:
         assert units["mouthClose"] <= units["jawOpen"] + 1e-9
         openings[state].append(float(lid_openings(draw_person(seed).vertices).mean()))
     assert np.mean(openings["closed"]) < np.mean(openings["half"]) < np.mean(openings["open"])
-
-
-def test_what_people_wear_follows_their_head() -> None:
-    wardrobe = load_wardrobe()
-    shift = np.array([0.01, -0.02, 0.03], np.float32)
-    for name in ("hair/short01", "brow/eyebrow001", "teeth/teeth_base", "torso/body"):
-        item = wardrobe.items[name]
-        moved = item.worn(np.broadcast_to(shift, wardrobe.fitted_head.shape))
-        np.testing.assert_allclose(moved - item.rest, np.broadcast_to(shift, moved.shape), atol=2e-4)
-        assert item.triangles.max() < len(item.rest)
-
-
-def test_a_shard_holds_what_was_put_in(portraits: list[Portrait], tmp_path: Path) -> None:
-    path = tmp_path / "shard.npz"
-    shards.save(shards.encode(portraits[:3]), path)
-    for p, q in zip(portraits, shards.decode(shards.load(path)), strict=False):
-        np.testing.assert_array_equal(p.image, q.image)
-        np.testing.assert_array_equal(p.part, q.part)
-        np.testing.assert_array_equal(np.isfinite(p.chart), np.isfinite(q.chart))
-        np.testing.assert_allclose(np.nan_to_num(p.chart), np.nan_to_num(q.chart), atol=1e-5)
-        np.testing.assert_allclose(p.normal, q.normal, atol=5e-3)
-        near = np.isfinite(p.depth)
-        np.testing.assert_allclose(p.depth[near], q.depth[near], atol=1e-4)
-        np.testing.assert_allclose(p.vertices, q.vertices, atol=1e-5)
-        np.testing.assert_allclose(p.hair, q.hair, atol=2e-3)
-        np.testing.assert_allclose(p.direction, q.direction, atol=5e-3)
-        assert (p.seed, p.eyes, p.kinds) == (q.seed, q.eyes, q.kinds)
 
 
 def test_an_order_is_one_shard_and_orders_meet_all_seeds(
@@ -265,18 +195,3 @@ def test_an_order_is_one_shard_and_orders_meet_all_seeds(
     shards.draw_order(whole[f"people-{SIZE}-00000010-54.npz"] | {"seed": 5, "count": 2}, tmp_path / "people.npz")
     assert made == [5, 6]
     assert not list(tmp_path.glob("*.part"))
-
-
-def test_pictures_of_irises_have_the_pupil_in_their_middle() -> None:
-    """They were cut out beside it once, and half of every iris was white."""
-    wardrobe = load_wardrobe()
-    names = wardrobe.names("iris")
-    assert len(names) >= 9
-    for name in names:
-        picture = wardrobe.items[name].picture.astype(float).mean(2)
-        side = len(picture)
-        y, x = np.mgrid[:side, :side] + 0.5
-        r = np.hypot(x - side / 2, y - side / 2) / (side / 2)
-        assert picture[r < 0.2].max() < 40, name
-        beside = [picture[(r > 0.5) & (r < 0.8) & half].mean() for half in (x < side / 2, x > side / 2)]
-        assert beside[0] == pytest.approx(beside[1], rel=0.2), name

@@ -10,32 +10,21 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from models.colour import linear, srgb  # noqa: E402
 from models.lightstage.split import HELD_OUT, TRAIN  # noqa: E402
 from models.training.capture import WHOLE  # noqa: E402
-from models.training.context import MISFIT, MISFITTED, MISPLACED, ContextTask, best_gain, misfitted, misplaced  # noqa: E402
+from models.training.context import ContextTask  # noqa: E402
 from models.training.eyes import (  # noqa: E402
     ERROR,
-    EXPOSED,
     FAITH,
     FLAT,
     FLATTER,
     LESS,
-    exposed,
     eye_light,
-    face_zone,
     lid_zones,
 )
 from service.face.features.eye_colours import BRIGHTEST_TOLD  # noqa: E402
 
 pytestmark = pytest.mark.train
-
-
-def test_lids_lie_on_either_side() -> None:
-    """Zones of the two eyes are each other's mirror images and do not meet."""
-    left, right = lid_zones()
-    assert float(left.sum()) == pytest.approx(1.0, abs=1e-4) and not ((left > 0) & (right > 0)).any()
-    assert torch.allclose(left.flip(-1), right, atol=2e-3)
 
 
 def test_eyes_show_the_light_that_reaches_them() -> None:
@@ -80,23 +69,6 @@ def test_eyes_tell_no_more_light_than_a_sensor_can_show() -> None:
     assert float((seen[:, 0] - seen[:, 1]).median()) == pytest.approx(0.3, abs=0.05)
 
 
-def test_photos_are_exposed_for_the_light_and_not_for_the_skin() -> None:
-    """Dark and fair skin get the same light, so that brightness tells them apart; what stays is the same."""
-    zone = face_zone()
-    assert float(zone.sum()) == pytest.approx(1.0, abs=1e-4)
-    skin = torch.tensor([0.03, 0.3]).repeat(300).view(-1, 1, 1, 1).expand(-1, 3, *zone.shape[1:])
-    albedo, texture = srgb(skin), srgb(skin * 0.2)
-    here = (torch.arange(600) < 400).float()
-    found = exposed(texture, albedo, zone, here, torch.Generator().manual_seed(7))
-    assert torch.equal(found[400:], texture[400:])
-    light = (linear(found[:400]) / skin[:400]).mean((1, 2, 3)).log()
-    for tone in (light[::2], light[1::2]):
-        assert float(tone.mean()) == pytest.approx(EXPOSED[0], abs=0.12)
-    assert float(light[::2].std()) == pytest.approx(EXPOSED[1], rel=0.2)
-    black = exposed(torch.zeros(2, 3, *zone.shape[1:]), albedo[:2], zone, torch.ones(2), torch.Generator())
-    assert black.isfinite().all(), "no light at all: a gain without bound"
-
-
 def test_the_whites_turn_over_with_the_chart(tmp_path: Path) -> None:
     """A chart that is flipped shows its right eye's light on the left."""
     width, height = WHOLE
@@ -116,37 +88,3 @@ def test_the_whites_turn_over_with_the_chart(tmp_path: Path) -> None:
     task.refresh()
     closed = task.batch(16, torch.Generator().manual_seed(4))["whites"].isnan().all(2)
     assert closed[:, 0].any() and closed[:, 1].any() and (closed.sum(1) == 1).all()
-
-
-def test_misfitted_heads_are_between_two_and_mostly_their_own() -> None:
-    geometry = torch.arange(8.0).view(8, 1, 1, 1).expand(8, 11, 4, 6).contiguous()
-    generator = torch.Generator().manual_seed(2)
-    told = torch.stack([misfitted(geometry, generator) for _ in range(200)])
-    part = (told - geometry) / (geometry.roll(1, 0) - geometry)
-    assert part.min() >= 0.0 and 0.8 * MISFIT < part.max() <= MISFIT
-    assert float((part[:, :, 0, 0, 0] > 0).float().mean()) == pytest.approx(MISFITTED, abs=0.05)
-    same = geometry[:1].expand(4, -1, -1, -1)
-    assert torch.equal(misfitted(same, generator), same), "position and mask are everybody's"
-
-
-def test_a_gain_costs_once_and_shade_twice() -> None:
-    """The best gain is taken off by chart and channel, on seen skin only; the shape of the light keeps its own part."""
-    lit = torch.zeros(2, 1, 8, 12)
-    lit[:, :, :, :6] = 1.0
-    albedo = torch.full((2, 3, 8, 12), 0.6)
-    batch = {"clean": albedo, "albedo": albedo, "lit": lit}
-    gain = torch.tensor([[0.3, -0.1, 0.2], [-0.4, 0.1, 0.0]]).view(2, 3, 1, 1)
-    light = gain.expand(2, 3, 8, 12) + torch.where(lit > 0, 0.0, 5.0)
-    assert torch.allclose(best_gain(light, batch), gain, atol=1e-5)
-    assert torch.isfinite(best_gain(light, batch | {"lit": torch.zeros_like(lit)})).all(), "divided by no skin"
-
-
-def test_misplaced_planes_stay_together_and_move_by_little() -> None:
-    """Texture and albedo moved apart would be light that nobody cast; moved too far, brows would be on the lids."""
-    ramp = torch.arange(96.0).expand(40, 1, 64, 96)
-    both = misplaced([ramp, 2.0 * ramp], torch.Generator().manual_seed(5))
-    assert torch.allclose(both[1], 2.0 * both[0], atol=1e-3)
-    moved = (both[0] - ramp)[:, 0, 8:-8, 8:-8]
-    each = moved.square().mean((1, 2)).sqrt()
-    assert torch.isfinite(moved).all() and 0.2 * MISPLACED < float(each.mean()) < MISPLACED
-    assert float(moved.diff(dim=2).abs().amax()) < 1.0, "smooth: nothing is torn or folded"

@@ -12,12 +12,11 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 pytest.importorskip("moderngl", reason="moderngl is not installed: pip install '.[train]'")
 
-from models.networks.hair import CELL, COUNTS, SIDE, HairReader  # noqa: E402
+from models.networks.hair import COUNTS, HairReader  # noqa: E402
 from models.people.make import Portrait  # noqa: E402
 from models.people.shards import UNKNOWN, encode, save  # noqa: E402
 from models.training.hair import Run, losses, measured, train  # noqa: E402
-from models.training.hair_data import LENGTH, PARTING, batch_of, draw, example, read_people  # noqa: E402
-from service.errors import ModelFault  # noqa: E402
+from models.training.hair_data import PARTING, batch_of, draw, example, read_people  # noqa: E402
 from service.face.detection import EYE_LEFT, EYE_RIGHT, MOUTH  # noqa: E402
 from service.face.reading import part_labels as labels  # noqa: E402
 from service.geometry.camera import Camera  # noqa: E402
@@ -121,19 +120,3 @@ def test_a_run_learns_and_goes_on_where_it_stopped(shards: Path, tmp_path: Path)
     assert len((folder / "log.jsonl").read_text("utf-8").splitlines()) == 3
     numbers = measured(again.average, [people], 2)
     assert set(KINDS) <= set(numbers)
-
-
-def test_without_shards_there_is_nothing_to_learn(tmp_path: Path) -> None:
-    with pytest.raises(ModelFault, match="no shard to train on"):
-        train(Run(tmp_path), tmp_path, 1, 1e9, 2, 1, 2)
-
-
-def test_the_output_has_the_shapes_that_the_service_expects() -> None:
-    with torch.no_grad():
-        read = HairReader().eval().read(torch.rand(1, 3, SIDE, SIDE))
-    cells = SIDE // CELL
-    assert read.mask.shape == read.spread.shape == (1, 1, cells, cells)
-    assert float(read.direction.square().sum(1).max()) <= 1.0 + 1e-4
-    assert read.kinds.shape == (1, sum(len(c) for c in KINDS.values()))
-    assert (read.ends[:, 1] > 0).all()
-    assert LENGTH == 0

@@ -36,12 +36,6 @@ def test_light_left_is_nothing_of_a_right_albedo_and_all_of_the_texture() -> Non
     assert light_left(srgb(linear(albedo) * torch.exp(noise)), albedo, texture, ONES) < 0.1
 
 
-def test_half_of_the_light_taken_for_pigment_is_found() -> None:
-    albedo, texture = skin()
-    half = srgb(torch.sqrt(linear(albedo) * linear(texture)))
-    assert light_left(half, albedo, texture, ONES) > 0.95
-
-
 def test_nowhere_and_constant_maps_give_no_nan() -> None:
     """A correlation divides by both deviations."""
     albedo, texture = skin()

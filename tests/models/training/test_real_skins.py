@@ -7,8 +7,7 @@ import pytest
 
 pytest.importorskip("torch")  # the light stage's measures come with it
 
-from models.lightstage.measures import Patch
-from models.training.real_skins import by_axis, compare, dark_is_deep, error, tilt
+from models.training.real_skins import by_axis, compare
 
 PPM, LIMITS = 8.0, (8.0, 0.5, 4.0)
 
@@ -31,19 +30,3 @@ def test_axes_are_compared_apart() -> None:
     assert compare(2.0 * truth, truth, *LIMITS) == pytest.approx((1.0, 2.0))
     assert compare(np.zeros_like(truth), truth, *LIMITS) == (0.0, 0.0)
     assert by_axis(truth, np.zeros_like(truth), *LIMITS) == "0.00 / 0.00"
-
-
-def test_dark_is_deep_of_a_grey_slope() -> None:
-    """Brighter to the right and upwards is higher there; black is flat."""
-    rows, columns = np.indices((32, 32)) / 64.0
-    grey = 0.2 + 0.3 * columns + 0.1 * (0.5 - rows)
-    x, up = dark_is_deep(Patch("slope", np.repeat(grey[..., None], 3, 2), None, PPM))
-    assert (x > 0).all() and (up > 0).all() and x.mean() > 2.0 * up.mean()
-    assert not dark_is_deep(Patch("black", np.zeros((8, 8, 3)), None, PPM)).any()
-
-
-def test_angles_of_planes() -> None:
-    plane = np.stack([np.full((4, 4), np.tan(np.radians(20.0))), np.zeros((4, 4))])
-    assert tilt(plane) == pytest.approx(20.0)
-    assert error(plane, np.zeros_like(plane)) == pytest.approx(20.0)
-    assert error(plane, plane) == pytest.approx(0.0, abs=1e-5)

@@ -15,7 +15,6 @@ from models.networks.configs import NETWORKS, build  # noqa: E402
 from models.training.restore import main, restored  # noqa: E402
 from models.training.train import TASKS  # noqa: E402
 from models.training.trainer import Run, Trainer  # noqa: E402
-from service.errors import ModelFault, UsageError  # noqa: E402
 from service.runtime.networks import Engine, open_network  # noqa: E402
 
 pytestmark = pytest.mark.train
@@ -48,16 +47,3 @@ def test_training_goes_on_from_it(tmp_path: Path) -> None:
     assert trainer.begin_with(tmp_path / "run") == []
     state = module.state_dict()
     assert all(torch.equal(values, state[name]) for name, values in trainer.network.state_dict().items())
-
-
-def test_what_cannot_be_restored_is_said(tmp_path: Path) -> None:
-    """Another size, no such file, no such network, a folder where something would be lost."""
-    with pytest.raises(ModelFault, match="slim"):
-        restored("psi", "slim")
-    with pytest.raises(ModelFault, match=r"psi\.onnx does not exist"):
-        restored("psi", "compact", tmp_path)
-    with pytest.raises(UsageError, match="eta"):
-        main("eta", tmp_path / "run", config="compact", side=64)
-    (tmp_path / "checkpoint.pt").touch()
-    with pytest.raises(UsageError, match="another folder"):
-        main("psi", tmp_path, config="compact", side=64)

@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch")
 from torch import Tensor  # noqa: E402
 
 import models.training.shadows as shadows  # noqa: E402
-from models.training.shadows import directions, hard_light, highlight, occluders, shadow  # noqa: E402
+from models.training.shadows import directions, highlight, shadow  # noqa: E402
 from service.runtime.network_registry import GEOMETRY  # noqa: E402
 
 pytestmark = pytest.mark.train
@@ -43,14 +43,6 @@ def test_shadows_darken_where_the_lamp_reaches_and_nowhere_else(monkeypatch: pyt
     assert float(dark.max()) < shadows.DEPTH[1] * math.exp(5 * shadows.TINT)
 
 
-def test_occluders_are_of_four_kinds_and_have_edges() -> None:
-    thrown = occluders(40, torch.Generator().manual_seed(2))
-    assert float(thrown.min()) >= 0.0 and float(thrown.max()) <= 1.0 + 1e-5
-    share = thrown.mean((1, 2, 3))
-    assert float(share.std()) > 0.1
-    assert float(((thrown < 0.02) | (thrown > 0.98)).float().mean()) > 0.7, "mostly in or out of the shadow"
-
-
 def test_highlights_lie_half_way_between_lamp_and_camera(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blinn: the brightest texel has the normal that halves the angle, here exactly on the grid for a frontal lamp."""
     monkeypatch.setattr(shadows, "SHINING", 1.0)
@@ -63,20 +55,3 @@ def test_highlights_lie_half_way_between_lamp_and_camera(monkeypatch: pytest.Mon
         peak = int(one[0].argmax())
         assert divmod(peak, 49) == (16, 24)
         assert float(one.max()) <= shadows.BRIGHTEST * math.exp(5 * shadows.TINT)
-
-
-def test_without_chance_nothing_changes_and_with_it_codes_stay_codes(monkeypatch: pytest.MonkeyPatch) -> None:
-    texture = torch.rand(6, 3, 32, 48, generator=torch.Generator().manual_seed(4))
-    shown = hard_light(texture, sphere(6), torch.Generator().manual_seed(5))
-    assert float(shown.min()) >= 0.0 and float(shown.max()) <= 1.0
-    monkeypatch.setattr(shadows, "SHADOWED", 0.0)
-    monkeypatch.setattr(shadows, "SHINING", 0.0)
-    assert torch.allclose(hard_light(texture, sphere(6), torch.Generator().manual_seed(5)), texture, atol=1e-5)
-
-
-def test_a_chart_without_shape_is_no_nan() -> None:
-    """Normals of length 0 lie outside the islands of some charts."""
-    texture = torch.full((4, 3, 8, 12), 0.5)
-    assert torch.isfinite(
-        hard_light(texture, torch.zeros(4, len(GEOMETRY), 8, 12), torch.Generator().manual_seed(6))
-    ).all()

@@ -103,18 +103,3 @@ def test_members_share_all_parts_of_a_step_and_no_two_parts_are_alike() -> None:
     places = ((seed, step, part) for seed in (1, 2) for step in (0, 1) for part in (0, 1))
     drawn = {float(torch.rand(1, generator=samples_of(*place), dtype=torch.float64)) for place in places}
     assert len(drawn) == 8
-
-
-def test_more_processes_than_parts_are_refused(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from contextlib import contextmanager
-
-    from models.training import train
-    from service.errors import UsageError
-
-    @contextmanager
-    def three(device: str):  # type: ignore[no-untyped-def]
-        yield Team(0, 3, True), device
-
-    monkeypatch.setattr(train, "joined", three)
-    with pytest.raises(UsageError, match="too few for 3"):
-        train.main("psi", data, "slim", tmp_path, steps=1, side=64, parts=2)

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.anatomy.canvas import part_points
 from service.anatomy.mouth import (
     WHITEST,
     Teeth,
     crown_share,
     no_bluer,
     paint_lining,
-    paint_tongue,
 )
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.face.features.mouth import TOOTH
@@ -42,19 +40,6 @@ def test_crowns_end_a_centimetre_from_the_biting_edge() -> None:
     assert np.isfinite(alone).all()
 
 
-def test_the_mouth_grows_dark_inwards(chart: Chart) -> None:
-    teeth = Teeth(chart)
-    painted = teeth.paint(TEETH)
-    front, back = (teeth.depth < 0.006) & (teeth.crown > 0.9), teeth.depth > 0.035
-    assert np.abs(painted[front] - TEETH).max() < 0.1
-    assert painted[back].max() < 0.5
-    index = chart.head.part_names.index("tongue")
-    own = np.flatnonzero(chart.inner_part == index)
-    tongue = paint_tongue(chart, index, own)
-    z, _ = part_points(chart, index, own)
-    assert tongue[z[:, 2] > -0.002].mean() > 2 * tongue[z[:, 2] < -0.04].mean()
-
-
 def test_a_head_without_teeth_or_mouth_is_no_trouble() -> None:
     toy = Chart.build(sphere_head(12, 24), 96, 64)
     lining = paint_lining(toy, np.zeros(len(toy.texels), np.float32))
@@ -70,10 +55,3 @@ def test_teeth_do_not_turn_cyan_by_the_light_of_redder_eyes() -> None:
     assert (bare[0, 1:] <= bare[0, 0] * np.array(WHITEST) + 1e-4).all()
     assert kept[0, 0] == pytest.approx(0.8, abs=1e-4), "red stays"
     assert kept[1:] == pytest.approx(albedo[1:], abs=1e-4)
-
-
-def test_gaps_and_shadows_are_not_printed_on_the_teeth(chart: Chart) -> None:
-    teeth = Teeth(chart)
-    colour = np.array([[0.8, 0.75, 0.65], [0.2, 0.1, 0.1], [0.0, 0.0, 0.0]], np.float32)
-    assert np.allclose(teeth.shows(colour, colour[0]), [1, 0, 0])
-    assert np.isfinite(teeth.shows(colour, np.zeros(3, np.float32))).all()

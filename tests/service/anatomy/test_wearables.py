@@ -9,22 +9,15 @@ import numpy as np
 import pytest
 
 from service.anatomy.items import read_items
-from service.anatomy.wearables import bust_part, lash_part, seam, to_albedo
+from service.anatomy.wearables import bust_part, seam, to_albedo
 from service.arrays import Float32
 from service.colour import linear_to_srgb
 from service.errors import ModelFault
 from service.geometry.mesh import area_normals
-from service.geometry.sampling import sample_chart
 from service.head.files import load_head
-from service.materials.material import OwnMap
 from tests.service.archive.toys import toy_avatar
 
 HEAD, ITEMS = load_head(), read_items()
-
-
-def test_the_file_has_brows_lashes_and_a_bust() -> None:
-    assert len(ITEMS.names("brow")) == 12
-    assert ITEMS.names("lash") and ITEMS.names("bust") == ["bust/body"]
 
 
 @pytest.mark.parametrize("name", sorted(ITEMS.items))
@@ -79,18 +72,6 @@ def test_the_bust_leaves_the_neck_in_its_tangent_planes() -> None:
     # Far from the seam the shoulders are the base mesh's, less its corners.
     far = np.flatnonzero(np.abs(plain[:, 0]) > 0.15)
     assert np.linalg.norm(bust.neutral[far] - plain[far], axis=1).max() < 0.008
-
-
-def test_lashes_let_light_into_the_eye() -> None:
-    """They were a dark band: in path tracers their shadow lay on the whole eye."""
-    neutral = HEAD.shape(np.zeros(1))
-    part = lash_part(HEAD, replace(toy_avatar().fit, vertices=neutral, neutral=neutral))
-    assert part is not None and isinstance(part.material.colour_map, OwnMap)
-    corners = part.uv[part.faces]
-    share = np.random.default_rng(0).dirichlet(np.ones(3), (len(corners), 8))
-    places = np.einsum("tsk,tkc->tsc", share, corners).reshape(-1, 2).astype(np.float32)
-    covered = sample_chart(part.material.colour_map.pixels, places)[:, -1] / 255
-    assert 0.1 < covered.mean() < 0.35
 
 
 def test_the_photos_light_is_the_ratio_on_lit_skin() -> None:

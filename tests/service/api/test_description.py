@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from service.api.app import create_app
-from service.api.openapi import attributes
 from service.jobs.settings import Settings
 from service.map_registry import MAP_NAMES
 from service.options import Options
@@ -39,13 +36,6 @@ def references(value: Any) -> Iterator[str]:
         value = list(value.values())
     for item in value if isinstance(value, list) else ():
         yield from references(item)
-
-
-def test_every_operation_has_a_name_that_a_function_can_have(document: Json) -> None:
-    names = [operation["operationId"] for _, _, operation in operations(document)]
-    assert len(set(names)) == len(names) >= 14
-    assert all(re.fullmatch("[a-z]+(_[a-z]+)*", name) for name in names), names
-    assert all(operation["summary"] and operation["tags"] for _, _, operation in operations(document))
 
 
 def test_every_reference_leads_somewhere_and_every_schema_is_used(document: Json) -> None:
@@ -81,27 +71,6 @@ def test_files_are_bytes(document: Json, path: str, method: str, kind: str) -> N
         assert answers[status]["content"][kind]["schema"] == {"type": "string", "format": "binary"}
 
 
-def test_the_upload_is_a_form_with_a_name(document: Json) -> None:
-    content = document["paths"]["/v1/avatars"]["post"]["requestBody"]["content"]
-    assert content["multipart/form-data"]["schema"] == {"$ref": "#/components/schemas/NewAvatar"}
-    form = document["components"]["schemas"]["NewAvatar"]
-    one, several = form["properties"]["image"]["anyOf"]
-    assert one == several["items"] and one["format"] == "binary" and several["maxItems"] == 24
-    assert content["multipart/form-data"]["encoding"]["options"] == {"contentType": "application/json"}
-
-
-def test_parameters_of_addresses_are_described_and_headers_too(document: Json) -> None:
-    headers = {}
-    for path, method, operation in operations(document):
-        given = [(one["name"], one["in"]) for one in operation.get("parameters", [])]
-        assert len(set(given)) == len(given), (path, method)
-        assert {name for name, place in given if place == "path"} == set(re.findall(r"{(\w+)}", path))
-        headers[operation["operationId"]] = {name for name, place in given if place == "header"}
-    assert headers["create_avatar"] == {"Idempotency-Key"}
-    assert headers["follow_avatar"] == {"Last-Event-ID"}
-    assert headers["download_archive"] == headers["download_file"] == {"Range", "If-Range"}
-
-
 def test_every_option_says_what_it_means(document: Json) -> None:
     options = document["components"]["schemas"]["Options"]
     assert options["additionalProperties"] is False
@@ -112,20 +81,3 @@ def test_every_option_says_what_it_means(document: Json) -> None:
         assert "service." not in words
     assert set(options["properties"]) == {field.name for field in fields(Options)}
     assert options["properties"]["maps"]["items"]["enum"] == list(MAP_NAMES)
-
-
-def test_words_of_a_class_go_over_several_lines_and_end_with_their_section() -> None:
-    class Kind:
-        """Something.
-
-        Attributes:
-            one: first words
-                that go on.
-            two: ``code`` or None.
-
-        Raises:
-            three: no attribute.
-        """
-
-    assert attributes(Kind) == {"one": "first words that go on.", "two": "'code' or null."}
-    assert attributes(Path) == {}

@@ -18,8 +18,6 @@ from typing import Any
 import httpx
 import pytest
 
-import service
-from tests.service.api.conftest import is_problem
 from tests.support.server import Server, post, small_photo, wait_for
 from tests.support.toy_job import SECONDS
 
@@ -219,43 +217,3 @@ def test_clients_that_leave_in_a_download_leave_nothing_behind(servers: Servers)
         assert rest.status_code == 206
         assert len(rest.content) == (32 << 20) - 1_000_000
     server.stop()
-
-
-def _flip(path: Path) -> None:
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-
-
-def _swap(path: Path) -> None:
-    other = next(file for file in sorted(path.parent.glob("*.onnx")) if file.name != path.name)
-    path.write_bytes(other.read_bytes())
-
-
-@pytest.mark.parametrize("harm", [_flip, _swap, Path.unlink])
-def test_a_damaged_data_file_is_found_before_any_photo_is_taken(
-    servers: Servers, tmp_path: Path, harm: Callable[[Path], Any]
-) -> None:
-    """The server answers and says why it is not ready; a job waits in the queue until the file is whole again."""
-    source = Path(service.__file__).parent
-    shutil.copytree(source, tmp_path / "service", ignore=shutil.ignore_patterns("__pycache__"))
-    harmed = min((tmp_path / "service" / "data").rglob("*.onnx"))
-    harm(harmed)
-    server = servers.make({"program": "service.jobs.avatar_process"})
-    whole = subprocess.Popen
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(subprocess, "Popen", lambda *a, **b: whole(*a, **{**b, "cwd": tmp_path}))
-        server.start(ready=False)
-    with httpx.Client(base_url=server.url, timeout=60) as client:
-        deadline = time.monotonic() + WITHIN
-        while "data file" not in client.get("/readyz").text:
-            assert time.monotonic() < deadline, client.get("/readyz").text
-            time.sleep(0.2)
-        assert "data file" in is_problem(client.get("/readyz"), 503, "starting")["detail"]
-        assert client.get("/livez").status_code == 200
-        job = post(client, small_photo(1)).json()["id"]
-        time.sleep(2)
-        assert client.get(f"/v1/avatars/{job}").json()["state"] == "queued"
-        shutil.copyfile(source / harmed.relative_to(tmp_path / "service"), harmed)
-        server.wait("readyz", WITHIN)
-        assert wait_for(client, job, within=WITHIN)["error"]["code"] == "no-face"

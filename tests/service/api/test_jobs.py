@@ -11,7 +11,6 @@ import time
 import zipfile
 from collections.abc import Iterator
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import httpx
@@ -274,15 +273,6 @@ def test_the_page_is_asked_for_anew_each_time(client: httpx.Client) -> None:
         assert answer.headers["cache-control"] == "no-cache"
         again = client.get(address, headers={"If-None-Match": answer.headers["etag"]})
         assert (again.status_code, again.headers["cache-control"]) == (304, "no-cache")
-
-
-def test_the_archive_of_the_small_job_is_one_that_the_client_takes(finished: tuple[str, bytes], tmp_path: Path) -> None:
-    """Benchmarks and trials go through the client."""
-    from service.client.download import check_archive
-
-    path = tmp_path / "toy.zip"
-    path.write_bytes(finished[1])
-    check_archive(path)
 
 
 def test_the_log_has_one_line_of_json_for_a_request_and_nothing_private(server: Server, client: httpx.Client) -> None:

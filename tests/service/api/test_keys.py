@@ -68,13 +68,6 @@ def test_the_first_key_is_made_once(tmp_path: Path) -> None:
     assert file.read_text() == before
 
 
-@pytest.mark.parametrize(
-    ("host", "file", "anybody"), [("127.0.0.1", "", False), (EVERYWHERE, "k", False), (EVERYWHERE, "", True)]
-)
-def test_who_may_serve(host: str, file: str, anybody: bool) -> None:
-    check_exposed(host, file, anybody=anybody)
-
-
 def test_a_server_that_others_reach_needs_keys(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="keys"):
         check_exposed(EVERYWHERE, "", anybody=False)

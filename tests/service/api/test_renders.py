@@ -15,23 +15,15 @@ import httpx
 import httpx2
 import pytest
 
-from service.api.keys import new_key
 from service.api.renders_and_exports import MAX_BODY
 from service.archive.pack import archive_members
-from service.archive.reading import open_avatar
-from service.jobs import render_process
 from service.jobs.artifacts import artifact_name
 from service.jobs.database import JOBS
-from service.jobs.kinds import RENDER
-from service.jobs.runner import Runner, task_of
+from service.jobs.runner import Runner
 from service.jobs.settings import Settings
 from service.places import sha256_of
-from service.render.render import RenderedPicture, render_head
-from service.render.request import RenderRequest
-from service.render.surface import ROLES
 from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem, open_api
 from tests.service.archive.toys import toy_avatar
-from tests.service.render.toys import ROUGH
 from tests.support.server import Server, in_threads, post, small_photo, wait_for
 from tests.support.toy_picture import picture
 
@@ -75,27 +67,6 @@ def ask(api: Api, content: Any = None, **headers: str) -> httpx2.Response:
     return api.client.post("/v1/renders", content=text, headers={"Content-Type": "application/json", **headers})
 
 
-WANTED = {
-    "scene": {
-        "environment": {"zenith": [1, 1, 1], "horizon": [1, 1, 1], "ground": [1, 1, 1]},
-        "response": {"exposure": 0.5},
-    },
-    "size": [32, 40], "view": 30, "samples": 1, "background": "transparent",
-}  # fmt: skip
-
-
-def is_picture(api: Api, answer: httpx2.Response) -> None:
-    assert answer.status_code == 200, answer.text
-    assert answer.headers["content-type"] == "image/png"
-    assert answer.headers["cache-control"] == "no-store"
-    assert answer.content[:8] == b"\x89PNG\r\n\x1a\n"
-    assert (answer.content[16:24], answer.content[25]) == (b"\0\0\0\x20\0\0\0\x28", 6)
-    facts = json.loads(answer.headers["render-facts"])
-    assert facts["exposure"] == 0.5
-    assert "diffuse_albedo-from-texture" in facts["fallbacks"]
-    assert not list((api.context.settings.data / "incoming").iterdir())
-
-
 def worked(api: Api, **settings: Any) -> None:
     """What a worker does with all that waits, here."""
     chosen = dataclasses.replace(api.context.settings, **{"render_program": TOY_PICTURE, **settings})
@@ -104,45 +75,6 @@ def worked(api: Api, **settings: Any) -> None:
         assert runner.accept(row["workflow"])["kind"] == "wanted"
         runner.publish(row["id"], runner.make(row["id"]))
     runner.stop()
-
-
-def later(api: Api, content: Any, **settings: Any) -> httpx2.Response:
-    """The answer to a request that was sent before a worker made the picture."""
-    assert ask(api, content, Prefer="respond-async").status_code == 202
-    worked(api, **settings)
-    return ask(api, content)
-
-
-def test_the_child_writes_the_picture_and_says_its_facts(
-    api: Api, finished: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Said:
-        facts: dict[str, Any]
-
-        def done(self, facts: dict[str, Any]) -> None:
-            self.facts = facts
-
-    def rough(source: Any, request: RenderRequest) -> RenderedPicture:
-        avatar = open_avatar(source, ROLES)
-        head = avatar.mesh.as_head("toy", "CC0-1.0")
-        return render_head(head, avatar.mesh.vertices, avatar.maps, request, threads=1, detail=ROUGH)
-
-    monkeypatch.setattr(render_process, "render_archive", rough)
-    ask(api, {"avatar": finished, **WANTED}, Prefer="respond-async")
-    (row,) = api.context.store.where(JOBS.c.kind == "render", JOBS.c.state == "queued")
-    source = api.context.store.get(finished)
-    assert source is not None
-    said = Said()
-    render_process.run(task_of(row, source, api.context.settings, tmp_path, tmp_path), said)  # type: ignore[arg-type]
-    png = (tmp_path / RENDER.file).read_bytes()
-    assert (png[16:24], png[25]) == (b"\0\0\0\x20\0\0\0\x28", 6)
-    assert said.facts["exposure"] == 0.5
-    api.client.delete(f"/v1/renders/{row['id']}")
-
-
-@pytest.mark.slow
-def test_a_picture_from_a_process_of_its_own(api: Api, finished: str) -> None:
-    is_picture(api, later(api, {"avatar": finished, **WANTED}, render_program="service.jobs.render_process"))
 
 
 def test_a_picture_is_a_job_and_made_once(api: Api, finished: str) -> None:
@@ -179,16 +111,6 @@ def test_a_picture_is_no_avatar_and_no_avatar_a_picture(api: Api, finished: str)
     assert job not in api.client.get("/v1/avatars?limit=100").text
     assert api.client.delete(f"/v1/renders/{job}").status_code == 204
     assert api.client.get(f"/v1/renders/{job}").json()["state"] == "cancelled"
-
-
-def test_a_picture_that_failed_may_be_asked_for_again(api: Api, finished: str) -> None:
-    content = {"avatar": finished, "view": "back"}
-    first = ask(api, content, Prefer="respond-async").json()["id"]
-    worked(api)
-    assert api.client.get(f"/v1/renders/{first}").json()["error"]["code"] == "internal"
-    second = ask(api, content, Prefer="respond-async").json()["id"]
-    assert second != first
-    api.client.delete(f"/v1/renders/{second}")
 
 
 def test_a_request_waits_for_its_picture(server: Server, client: httpx.Client, tmp_path: Path) -> None:
@@ -276,30 +198,3 @@ def test_what_is_wrong_is_said(api: Api, content: Any, status: int, code: str, p
 def test_other_kinds_of_body_and_large_ones_are_refused(api: Api) -> None:
     is_problem(ask(api, "{}", **{"Content-Type": "text/plain"}), 415, "unsupported-media-type")
     is_problem(ask(api, b" " * (MAX_BODY + 1)), 413, "too-large")
-
-
-def test_an_unfinished_avatar_is_not_rendered(api: Api) -> None:
-    job = api.post(options={"seed": 2}).json()["id"]
-    is_problem(ask(api, {"avatar": job}), 409, "not-ready")
-
-
-def test_avatars_of_others_are_not_there(tmp_path: Path) -> None:
-    keys = [new_key(name) for name in ("one", "two")]
-    file = tmp_path / "keys.json"
-    file.write_text(json.dumps({"keys": [entry for _, entry in keys]}))
-    with open_api(Settings(data=tmp_path / "data", program=TOY, reserve_mb=1, keys=str(file))) as client:
-        api = Api(client)
-        job = api.post(Authorization=f"Bearer {keys[0][0]}").json()["id"]
-        is_problem(ask(api, {"avatar": job}), 401, "unauthorized")
-        is_problem(ask(api, {"avatar": job}, Authorization=f"Bearer {keys[1][0]}"), 404, "not-found")
-        is_problem(ask(api, {"avatar": job}, Authorization=f"Bearer {keys[0][0]}"), 409, "not-ready")
-
-
-def test_it_is_in_the_description(api: Api) -> None:
-    described = api.client.get("/openapi.json").json()
-    operation = described["paths"]["/v1/renders"]["post"]
-    schema = described["components"]["schemas"]["Render"]
-    assert operation["requestBody"]["content"]["application/json"]["schema"]["$ref"].endswith("/Render")
-    assert {"avatar", "scene", "size", "view", "background", "samples", "tolerance"} == set(schema["properties"])
-    assert "image/png" in operation["responses"]["200"]["content"]
-    assert {"Scene", "PointLight", "Environment"} <= set(described["components"]["schemas"])

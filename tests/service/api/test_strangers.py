@@ -8,7 +8,6 @@ import hashlib
 import json
 import os
 import socket
-import sqlite3
 import stat
 import threading
 import time
@@ -16,9 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import cv2
 import httpx
-import numpy as np
 import pytest
 
 from service.api.keys import new_key
@@ -115,24 +112,6 @@ def test_half_a_character_in_an_id_or_a_cursor_is_refused(ada: httpx.Client) -> 
     for content in ([1.5, HALF + job[1:]], [float("nan"), job], [float("inf"), job], [1.5, "x"], [10**90, 1]):
         cursor = base64.urlsafe_b64encode(json.dumps(content).encode()).decode()
         is_problem(ada.get("/v1/avatars", params={"cursor": cursor}), 422, "invalid-parameter")
-
-
-def test_a_row_that_cannot_be_shown_hides_no_other_and_can_be_erased(
-    server: Server, ada: httpx.Client, bob: httpx.Client
-) -> None:
-    """As an older version has stored them."""
-    bad = [send(ada).json()["id"] for _ in range(2)]
-    good, theirs = send(ada).json()["id"], send(bob).json()["id"]
-    for job in (*bad, good):
-        wait_for(ada, job)
-    with contextlib.closing(sqlite3.connect(server.data / "jobs.sqlite", timeout=30)) as database, database:
-        for job, metadata in zip(bad, (json.dumps({"a": HALF}), "{"), strict=True):
-            database.execute("update avatarme_jobs set metadata = ? where id = ?", (metadata, job))
-    assert {*bad, good} <= set(ids(ada)), "and a page of the list is whole"
-    assert [ada.get(f"/v1/avatars/{job}").status_code for job in bad] == [200, 200]
-    assert [ada.delete(f"/v1/avatars/{job}").status_code for job in bad] == [204, 204]
-    assert not set(bad) & set(ids(ada))
-    assert theirs in ids(bob)
 
 
 # 2. Places for uploads.
@@ -241,27 +220,6 @@ def test_one_bad_receiver_stops_nobody_elses_messages(tmp_path: Path) -> None:
 # 4. Decoding.
 
 
-def test_large_photos_of_one_tenant_do_not_hold_up_the_others(server: Server, bob: httpx.Client) -> None:
-    """Twelve posts of a small file of 8000 x 8000, each of which takes a second to decode."""
-    giant = cv2.imencode(".png", np.zeros((8000, 8000), np.uint8))[1].tobytes()
-    alone = max(seconds_of(bob, 5))
-    until = threading.Event()
-
-    def post(number: int) -> int:
-        with as_tenant(server, "ada", 300.0) as client:
-            return 0 if until.is_set() else send(client, giant).status_code
-
-    threads = [threading.Thread(target=post, args=(number,)) for number in range(12)]
-    for thread in threads:
-        thread.start()
-    time.sleep(1.5)
-    taken = sorted(seconds_of(bob, 7))
-    until.set()
-    for thread in threads:
-        thread.join()
-    assert taken[len(taken) // 2] <= max(1.0, 2 * alone), taken
-
-
 def test_photos_that_are_refused_count_in_the_quota_of_a_day(tmp_path: Path) -> None:
     write_keys(tmp_path / "keys.json", "ada", "bob", ada={"per_day": 3})
     server = Server(tmp_path / "data", settings_of(tmp_path / "keys.json"), with_worker=False)
@@ -280,22 +238,6 @@ def test_photos_that_are_refused_count_in_the_quota_of_a_day(tmp_path: Path) -> 
 
 
 # 5. Names of tenants.
-
-
-@pytest.mark.parametrize(
-    "entries",
-    [
-        pytest.param([{**KEYS[name][1], "name": "a" * 64 + name} for name in KEYS], id="two long names"),
-        pytest.param([{**KEYS["ada"][1], "per_dya": 1}], id="a field misspelt"),
-        pytest.param([{**KEYS["ada"][1], "name": 1}, {**KEYS["bob"][1], "name": "1"}], id="a number and its text"),
-        pytest.param([KEYS["ada"][1], {**KEYS["ada"][1], "name": "bob"}], id="one key of two"),
-    ],
-)
-def test_keys_that_could_mix_tenants_up_stop_the_start(tmp_path: Path, entries: list[Any]) -> None:
-    (tmp_path / "keys.json").write_text(json.dumps({"keys": entries}))
-    server = Server(tmp_path / "data", settings_of(tmp_path / "keys.json"), with_worker=False)
-    with pytest.raises(RuntimeError, match=r"status [1-9]"):
-        server.start(ready=False)
 
 
 # 6. Files of the data folder.
@@ -334,16 +276,6 @@ def test_a_key_belongs_to_one_request_with_all_of_its_parts(ada: httpx.Client, b
     assert send(ada, photo, key).json()["id"] == job
     is_problem(send(ada, photo, key, priority="low"), 422, "key-reuse")
     assert send(bob, photo, key, priority="low").json()["id"] != job
-
-
-@pytest.mark.parametrize(
-    "options",
-    ['{"iterations": 1%s}', '{"identity_components": 1%s}', '{"face": 1%s}', '{"iterations": NaN}', '{"face": "/x"}'],
-)
-def test_options_are_checked_before_there_is_a_job(ada: httpx.Client, options: str) -> None:
-    answer = send(ada, options=options.replace("%s", "0" * 400))
-    assert answer.status_code == 422, answer.text
-    assert answer.json()["pointer"] == "/" + options.split('"')[1]
 
 
 @pytest.mark.parametrize(
@@ -480,19 +412,6 @@ def test_a_part_without_a_name_is_called_so(ada: httpx.Client) -> None:
     body = b"--b\r\nContent-Disposition: form-data\r\n\r\n" + small_photo(1, 800) + b"\r\n--b--\r\n"
     answer = ada.post("/v1/avatars", content=body, headers={"Content-Type": "multipart/form-data; boundary=b"})
     assert "no name" in is_problem(answer, 400, "malformed-multipart")["detail"]
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ('{"seed": 1', "no JSON"),
-        ('{"seed": NaN}', "finite"),
-        ("[1]", "JSON object"),
-        ('{"hair": "\\udc00"}', "surrogate"),
-    ],
-)
-def test_json_that_cannot_be_used_is_told_why(ada: httpx.Client, options: str, words: str) -> None:
-    assert words in is_problem(send(ada, options=options), 422, "malformed-options")["detail"]
 
 
 def test_a_body_in_another_coding_is_refused(ada: httpx.Client) -> None:

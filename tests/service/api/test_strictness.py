@@ -8,8 +8,6 @@ from typing import Any
 
 import pytest
 
-from service.errors import UsageError
-from service.options import Options, parse_face, parse_size
 from tests.service.api.conftest import GOOD, Api, is_problem
 from tests.support.server import Server, small_photo
 
@@ -39,12 +37,6 @@ def test_head_is_get_without_its_body(shared: Api, path: str) -> None:
     assert head.headers["content-type"] == get.headers["content-type"]
 
 
-def test_head_of_a_job(shared: Api) -> None:
-    job = shared.post().json()["links"]["self"]
-    assert shared.client.head(job).status_code == 200
-    assert shared.client.head("/v1/avatars/" + "0" * 32).status_code == 404
-
-
 @pytest.mark.parametrize(
     "path", ["/v1/avatars?quality=draft", "/v1/avatars/" + "0" * 32 + "?verbose=1", "/v1/models?name=a"]
 )
@@ -65,12 +57,6 @@ def test_a_photo_as_the_body_has_its_options_in_the_address(shared: Api) -> None
     assert job["links"]["photo"]
 
 
-@pytest.mark.parametrize("query", ["qualty=draft", "quality=best", "seed=true", "size=9", "url=http://a.example/b.jpg"])
-def test_a_wrong_option_in_the_address_is_refused(shared: Api, query: str) -> None:
-    answer = shared.client.post(f"/v1/avatars?{query}", content=GOOD, headers=RAW)
-    assert answer.status_code == 422, answer.text
-
-
 def test_a_form_has_no_options_in_its_address(shared: Api) -> None:
     answer = shared.client.post("/v1/avatars?quality=draft", files={"image": ("x.jpg", GOOD, "image/jpeg")})
     is_problem(answer, 422, "invalid-parameter")
@@ -79,30 +65,6 @@ def test_a_form_has_no_options_in_its_address(shared: Api) -> None:
 def test_sizes_are_written_as_on_the_command_line_too(shared: Api) -> None:
     assert shared.post(options={"size": "1152x768"}).json()["options"]["size"] == [1152, 768]
     assert shared.post(options={"size": [1152, 768]}).json()["options"]["size"] == [1152, 768]
-
-
-@pytest.mark.parametrize(
-    ("options", "parse"),
-    [
-        ({"size": "1152"}, lambda: parse_size("1152")),
-        ({"size": "1000x1000"}, lambda: Options(size=(1000, 1000))),
-        ({"face": "smallest"}, lambda: parse_face("smallest")),
-        ({"face": -1}, lambda: Options(face=-1)),
-    ],
-)
-def test_what_is_wrong_is_said_in_the_words_of_the_command_line(
-    shared: Api, options: dict[str, Any], parse: Any
-) -> None:
-    with pytest.raises(UsageError) as told:
-        parse()
-    body = is_problem(shared.post(options=options), 422, "usage")
-    assert body["detail"] == told.value.message
-    assert body["pointer"] == f"/{next(iter(options))}"
-
-
-@pytest.mark.parametrize("options", [{"seed": True}, {"iterations": True}, {"detail": True}, {"face": False}])
-def test_true_is_no_number(shared: Api, options: dict[str, Any]) -> None:
-    is_problem(shared.post(options=options), 422, "usage")
 
 
 def test_a_photo_that_was_to_be_kept_is_given_back_to_its_owner(shared: Api) -> None:

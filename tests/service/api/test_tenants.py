@@ -74,10 +74,6 @@ def test_what_has_expired_says_so(api: Api) -> None:
         assert body["reason"] == "expired"
 
 
-def test_the_other_header_works_too(api: Api) -> None:
-    assert api.client.get("/v1/avatars", headers={"X-API-Key": KEYS["ada"][0]}).status_code == 200
-
-
 def test_a_quota_is_kept(api: Api) -> None:
     for _ in range(2):
         assert api.post(**bearer("bob")).status_code == 202
@@ -210,6 +206,11 @@ def test_what_comes_through_a_proxy_cannot_list_an_open_server(tmp_path: Path) -
         '{"keys": []}',
         '{"keys": [{"name": "x", "sha256": "short"}]}',
         json.dumps({"keys": [{"sha256": "0" * 64}]}),
+        # What could mix tenants up: names that are cut to one, a field misspelt, a number and its text, one key of two.
+        json.dumps({"keys": [{**KEYS[name][1], "name": "a" * 64 + name} for name in ("ada", "bob")]}),
+        json.dumps({"keys": [{**KEYS["ada"][1], "per_dya": 1}]}),
+        json.dumps({"keys": [{**KEYS["ada"][1], "name": 1}, {**KEYS["bob"][1], "name": "1"}]}),
+        json.dumps({"keys": [KEYS["ada"][1], {**KEYS["ada"][1], "name": "bob"}]}),
     ],
 )
 def test_a_file_of_keys_that_is_wrong_stops_the_start(tmp_path: Path, text: str) -> None:
@@ -218,9 +219,3 @@ def test_a_file_of_keys_that_is_wrong_stops_the_start(tmp_path: Path, text: str)
     file.write_text(text)
     with pytest.raises(UsageError, match="keys"):
         Keys(str(file))
-
-
-def test_the_file_holds_no_key(tmp_path: Path) -> None:
-    key, entry = new_key("x")
-    assert key not in json.dumps(entry)
-    assert len(key) >= 43

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import pytest
 
@@ -26,12 +26,6 @@ def zipped(members: dict[str, bytes]) -> bytes:
     stream = io.BytesIO()
     write_zip(stream, members)
     return stream.getvalue()
-
-
-def test_order_of_the_caller_and_the_hour_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = zipped(SMALL)
-    monkeypatch.setattr("time.time", lambda: 2_000_000_000.0)
-    assert zipped(dict(reversed(SMALL.items()))) == first
 
 
 def test_a_strict_reader_accepts_every_entry() -> None:
@@ -64,35 +58,6 @@ def test_zip64_where_sizes_need_it(monkeypatch: pytest.MonkeyPatch) -> None:
     assert b"PK\x06\x06" in data, "there is no ZIP64 end record"
     archive = zipfile.ZipFile(io.BytesIO(data))
     assert {name: archive.read(name) for name in archive.namelist()} == SMALL
-
-
-def test_file_and_stream_get_the_same_bytes(tmp_path: Path) -> None:
-    class Pipe(io.RawIOBase):
-        """Cannot seek, takes a few bytes at a time."""
-
-        def __init__(self) -> None:
-            self.taken = b""
-
-        def writable(self) -> bool:
-            return True
-
-        def write(self, data: Any) -> int:
-            self.taken += bytes(data)
-            return len(data)
-
-    pipe = Pipe()
-    write_stream(pipe, SMALL)  # type: ignore[arg-type]
-    write_file(tmp_path / "a.zip", SMALL)
-    assert pipe.taken == (tmp_path / "a.zip").read_bytes() == zipped(SMALL)
-
-
-def test_the_umask_decides_who_may_read(tmp_path: Path) -> None:
-    before = os.umask(0o027)
-    try:
-        write_file(tmp_path / "a.zip", SMALL)
-    finally:
-        os.umask(before)
-    assert stat.S_IMODE((tmp_path / "a.zip").stat().st_mode) == 0o640
 
 
 def test_the_file_appears_in_one_step_after_its_content_is_on_disk(
@@ -155,15 +120,6 @@ def test_a_real_limit_on_the_size_of_files(tmp_path: Path) -> None:
     assert child.returncode == 1
     assert b"file too large" in child.stderr and b"Traceback" not in child.stderr
     assert os.listdir(tmp_path) == []
-
-
-def test_a_target_that_is_no_file(tmp_path: Path) -> None:
-    """A rename would put a file in place of the folder or, worse, of /dev/null."""
-    os.mkfifo(tmp_path / "pipe")
-    for target in (tmp_path, tmp_path / "pipe"):
-        with pytest.raises(OutputFault, match="it is not a regular file"):
-            write_file(target, SMALL)
-    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
 
 
 def test_a_link_stays_a_link(tmp_path: Path) -> None:

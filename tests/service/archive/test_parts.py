@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
-import json
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
-from service.archive.container import in_order
 from service.archive.pack import archive_members
 from service.materials.material import Material
 from service.materials.part import part_normals
@@ -22,14 +17,6 @@ from tests.service.archive.toys import toy_avatar, toy_part
 @pytest.fixture(scope="module")
 def members() -> dict[str, bytes]:
     return archive_members(toy_avatar(parts=(toy_part(),)))
-
-
-def test_its_texture_is_a_file(members: dict[str, bytes]) -> None:
-    pixels = toy_part().own_maps[0].pixels
-    stored = cv2.imdecode(np.frombuffer(members["maps/parts/toy_hair.png"], np.uint8), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(np.asarray(stored)[..., [2, 1, 0, 3]], pixels)
-    files = [file["path"] for file in json.loads(members["manifest.json"])["files"]]
-    assert files == in_order(files) and files.index("maps/parts/toy_hair.png") < files.index("mesh/head.obj")
 
 
 def test_obj_has_it_beside_the_whole_head(members: dict[str, bytes]) -> None:
@@ -78,13 +65,3 @@ def test_glb_has_it_with_alpha_and_targets(members: dict[str, bytes], tmp_path: 
     assert own["pbrMetallicRoughness"]["baseColorFactor"] == [0.9, 0.8, 0.7, 1.0]
     issues = validator_report(members["mesh/head.glb"], tmp_path)["issues"]
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
-
-
-def test_usd_has_it(members: dict[str, bytes], tmp_path: Path) -> None:
-    pytest.importorskip("pxr", reason="USD is missing: pip install usd-core")
-    Usd, UsdShade = (importlib.import_module(f"pxr.{name}") for name in ("Usd", "UsdShade"))
-    (tmp_path / "head.usda").write_bytes(members["mesh/head.usda"])
-    stage: Any = Usd.Stage.Open(str(tmp_path / "head.usda"))
-    prim = stage.GetPrimAtPath("/Head/toy_hair")
-    assert prim and not stage.GetPrimAtPath("/Head/lashes")
-    assert UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0].GetPrim().GetName() == "toy_hair"

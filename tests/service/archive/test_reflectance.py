@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, cast
 
 import cv2
@@ -16,14 +15,13 @@ import trimesh
 
 from service.archive.avatar import Avatar
 from service.archive.container import MEMBERS
-from service.archive.manifest import from_json
 from service.archive.maps import COARSEST_STEP
 from service.archive.pack import archive_members
 from service.archive.surfaces import displaced, heights_at, subdivided_head
 from service.geometry.mesh import face_normals
 from service.map_registry import MAP_NAMES
-from service.reflectance.reflectance_maps import MID, SCALE_MM, Reflectance, unpack_normals
-from tests.service.archive.test_meshes import Glb, validator_report
+from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
+from tests.service.archive.test_meshes import Glb
 from tests.service.archive.toys import REFLECTANCE_SIZE, toy_avatar, toy_head, toy_reflectance
 from tests.toyhead import CENTRE
 
@@ -74,30 +72,6 @@ def test_maps_decode_to_what_was_made(bits: int, members: dict[str, bytes], fine
         np.testing.assert_allclose(values(files, role), unpack_normals(normals), atol=step)
 
 
-def test_bits_of_each_map(members: dict[str, bytes], fine_members: dict[str, bytes]) -> None:
-    deep = {"specular_normal", "diffuse_normal", "shape_normal"}
-    for files, expected in ((members, 8), (fine_members, 16)):
-        bits = {entry["role"]: entry["bits"] for entry in json.loads(files["manifest.json"])["maps"]}
-        assert bits.pop("displacement") == 16
-        assert {role: found for role, found in bits.items() if found != 8} == (
-            dict.fromkeys(deep, 16) if expected == 16 else {}
-        )
-
-
-def test_the_manifest_says_how_it_was_made(members: dict[str, bytes]) -> None:
-    found = from_json(members["manifest.json"])
-    assert found.displacement is not None and (found.displacement.scale_mm, found.displacement.mid) == (5e-5, 32768)
-    assert found.reflectance is not None and found.reflectance.integration is not None
-    assert (found.reflectance.runtime, found.reflectance.precision, found.reflectance.tile) == (
-        "onnxruntime",
-        "fp32",
-        1024,
-    )
-    frames = {entry.role: entry.frame for entry in found.maps if entry.frame}
-    assert frames == {"specular_normal": "tangent", "diffuse_normal": "tangent", "shape_normal": "object"}
-    assert from_json(archive_members(toy_avatar())["manifest.json"]).reflectance is None
-
-
 def test_object_space_normals_of_a_sphere_point_away_from_its_centre() -> None:
     """Flat tangent-space normals are the mesh's own normals in object space."""
     flat = replace(toy_reflectance(), specular_normal=np.zeros((*SIZE[::-1], 2), np.int16))
@@ -118,13 +92,6 @@ def test_object_space_normals_of_a_sphere_point_away_from_its_centre() -> None:
     assert b"norm " not in files["mesh/head.mtl"], "object-space normals are not what a material wants"
 
 
-def test_only_what_was_asked_for() -> None:
-    files = archive_members(avatar(maps=["diffuse_albedo"]))
-    assert [name for name in files if name.startswith("maps/")] == ["maps/diffuse_albedo.png"]
-    assert b"map_Kd ../maps/diffuse_albedo.png" in files["mesh/head.mtl"] and b"norm" not in files["mesh/head.mtl"]
-    assert b"../maps/diffuse_albedo.png" in files["mesh/head.usda"]
-
-
 def test_materials_lead_to_files_of_the_archive(members: dict[str, bytes]) -> None:
     lines = members["mesh/head.mtl"].decode().splitlines()
     named = {line.split()[-1] for line in lines if line.startswith(("map_", "norm "))}
@@ -132,12 +99,6 @@ def test_materials_lead_to_files_of_the_archive(members: dict[str, bytes]) -> No
     assert paths == {"maps/diffuse_albedo.png", "mesh/specular_normal.exr", "mesh/specular_albedo.exr"}
     assert "map_Bump -bm 1 specular_normal.exr" in lines, "Blender ignores norm"
     assert paths <= set(members)
-
-
-def test_the_khronos_validator_accepts_the_textures(members: dict[str, bytes], tmp_path: Path) -> None:
-    report = validator_report(members["mesh/head.glb"], tmp_path)
-    issues = report["issues"]
-    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
 
 
 def test_the_glb_shows_the_maps_on_the_skin_only(members: dict[str, bytes]) -> None:
@@ -221,15 +182,3 @@ def test_heights_are_read_at_the_right_place() -> None:
     single = np.bincount(np.unique(np.stack([vertex, place], 1), axis=0)[:, 0], minlength=len(fine.mean)) == 1
     expected = fine.uv[place] @ [1000, 20000]
     np.testing.assert_allclose(found[vertex][single[vertex]], expected[single[vertex]], atol=15)
-
-
-def test_the_sheet_grows_by_the_maps_that_there_are() -> None:
-    from service.archive.preview.sheet import TILE, sheet
-
-    plain, full = sheet(toy_avatar()), sheet(avatar())
-    assert full.shape[0] > plain.shape[0] + TILE[1] + 500 and full.shape[1] == plain.shape[1]
-    np.testing.assert_array_equal(full[: TILE[1]], plain[: TILE[1]])
-    relit = replace(toy_reflectance(), diffuse_albedo=None)
-    assert sheet(replace(avatar(), reflectance=relit)).shape[0] < full.shape[0] - TILE[1], "no albedo, no lamps"
-    one = sheet(replace(avatar(), reflectance=Reflectance(size=SIZE, diffuse_albedo=toy_reflectance().diffuse_albedo)))
-    assert plain.shape[0] < one.shape[0] < full.shape[0]

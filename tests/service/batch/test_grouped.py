@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from service.batch.groups import GROUPS, Grouped, grouped
+from service.batch.groups import Grouped, grouped
 from service.batch.groups import photos_at as place
 from service.batch.plan import SUFFIXES
-from service.cli.batch import grouped_source
 from service.errors import UsageError
 from service.photo.bundle import MOST, unbundled
 
@@ -61,10 +60,3 @@ def test_too_many_photos_are_refused_by_the_name_of_the_group(tmp_path: Path) ->
     filled(tmp_path, *(f"ada/{number}.jpg" for number in range(MOST + 1)))
     with pytest.raises(UsageError, match=r"ada has 25 photos"):
         place(grouped(str(tmp_path), "folder")).open("ada.photos")
-
-
-def test_an_unknown_way_to_group_is_refused(tmp_path: Path) -> None:
-    assert [grouped_source("s3://b/p", by) for by in GROUPS] == ["by-folder:s3://b/p", "by-prefix:s3://b/p"]
-    assert grouped_source("photos", None) == "photos"
-    with pytest.raises(UsageError, match="colour"):
-        grouped_source("photos", "colour")

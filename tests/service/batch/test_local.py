@@ -6,21 +6,13 @@ import errno
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from service.batch.driver import _work
-from service.batch.makers import LocalMaker, Order
-from service.batch.plan import Plan
-from service.batch.shards import Rounds, Shards
 from service.errors import Crashed, OutputFault, UsageError
-from service.jobs.database import connect, create_tables
-from service.jobs.queue import Queue
-from service.jobs.settings import Settings
 from service.places import Place
 from tests.service.batch.conftest import Folders
 
@@ -89,35 +81,12 @@ def test_an_archive_that_lost_its_line_gets_one_without_being_made_again(folders
     assert {**again, "seconds": 0} == {**line, "seconds": 0}
 
 
-def test_other_options_make_other_archives(folders: Folders) -> None:
-    folders.photo("a.jpg", "good")
-    folders.run()
-    folders.options = {"seed": 1}
-    assert folders.run(resume=True).made == 1
-
-
 def test_a_photo_that_never_ends_is_stopped(folders: Folders) -> None:
     folders.photo("hang.jpg", "hang")
     assert folders.run(timeout_s=1.5).failed == 1
     assert folders.lines()["hang.jpg"]["error"]["code"] == "out-of-time"
     folders.photo("hang.jpg", "good now")
     assert folders.run(resume=True).made == 1
-
-
-def test_a_photo_that_cannot_be_read(folders: Folders, monkeypatch: pytest.MonkeyPatch) -> None:
-    folders.photo("a.jpg", "good")
-    secret = folders.photo("b.jpg", "good")
-    opened = Path.open
-
-    def refuse(path: Path, *rest: Any, **more: Any) -> Any:
-        if path == secret:
-            raise PermissionError(13, "Permission denied")
-        return opened(path, *rest, **more)
-
-    monkeypatch.setattr(Path, "open", refuse)
-    tally = folders.run()
-    assert (tally.made, tally.failed) == (1, 1)
-    assert "Permission denied" in folders.lines()["b.jpg"]["error"]["message"]
 
 
 def test_an_installation_that_cannot_start_ends_the_batch(folders: Folders) -> None:
@@ -255,49 +224,3 @@ def test_a_watched_folder(folders: Folders, monkeypatch: pytest.MonkeyPatch) -> 
     first = ["a.jpg", "bad.jpg"]
     assert rounds == [first, [*first, "new1.jpg"], [*first, "new1.jpg", "new2.jpg"]]
     assert folders.lines()["bad.jpg"]["attempt"] == 1, "what failed is not tried again and again"
-
-
-def test_a_frozen_worker_that_comes_back_takes_nothing_away(folders: Folders, tmp_path: Path) -> None:
-    """It writes its report of a shard that another one has finished meanwhile."""
-    for number in range(4):
-        folders.photo(f"{number}.jpg", "good")
-    folders.out.mkdir()
-    plan = Plan(tmp_path, Place(folders.photos), Place(folders.out))
-    plan.look()
-    plan.ask({})
-    plan.write_shards("r")
-    settings = Settings(data=tmp_path / "data", program="tests.support.toy_photo")
-    settings.data.mkdir()
-    engine = connect(settings.database_url)
-    create_tables(engine, settings)
-    queue, rounds = Queue(engine), Rounds(engine)
-    rounds.put(queue, "r", str(folders.out), [4])
-
-    class Freezing(LocalMaker):
-        frozen = False
-
-        def make(self, order: Order, stop: Any) -> list[str]:
-            made = super().make(order, stop)
-            if order.name == "1.jpg" and not self.frozen:
-                self.frozen = True
-                assert other.run(str(folders.out), "r", 0) == "made"
-            return made
-
-    def shards(maker: LocalMaker) -> Shards:
-        return Shards(rounds, maker, tmp_path / "scratch", threading.Event(), lambda error: None, recorded=True)
-
-    other = shards(LocalMaker(settings))
-    merge_manifests(folders.out)
-    assert shards(Freezing(settings)).run(str(folders.out), "r", 0) == "made"
-    plan.merge(tmp_path)
-    assert {line["outcome"] for line in folders.lines().values()} == {"succeeded"}
-    assert len(folders.lines()) == 4 and rounds.tally("r") == (4, 0, 0)
-    queue.client.destroy()
-    engine.dispose()
-
-
-def merge_manifests(out: Path) -> None:
-    """The shards of four photos as one."""
-    manifests = sorted((out / ".batch" / "photos").iterdir())
-    text = "".join(path.read_text() for path in manifests)
-    manifests[0].write_text(text)

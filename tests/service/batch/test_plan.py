@@ -51,11 +51,6 @@ def test_two_photos_never_share_an_archive(tmp_path: Path) -> None:
     assert archives["sub/a.jpg"] == "sub/a.zip"
 
 
-def test_photos_in_the_output_folder_are_none(tmp_path: Path) -> None:
-    touch(tmp_path, "a.jpg", "out/preview.jpg")
-    assert list(found(tmp_path, tmp_path / "out")) == ["a.jpg"]
-
-
 def test_a_folder_that_is_a_pipe_or_a_dead_link_is_no_photo(tmp_path: Path) -> None:
     touch(tmp_path, "a.jpg", "folder.jpg/x.txt")
     (tmp_path / "dead.jpg").symlink_to("nowhere")
@@ -63,12 +58,6 @@ def test_a_folder_that_is_a_pipe_or_a_dead_link_is_no_photo(tmp_path: Path) -> N
     (tmp_path / "loop").symlink_to(tmp_path)
     os.mkfifo(tmp_path / "pipe.jpg")
     assert list(found(tmp_path)) == ["a.jpg", "alive.jpg"]
-
-
-def test_a_name_that_is_no_text(tmp_path: Path) -> None:
-    name = os.fsdecode(b"caf\xe9.jpg")
-    touch(tmp_path, name)
-    assert found(tmp_path) == {name: name.replace(".jpg", ".zip")}
 
 
 def line(path: str, outcome: str = "succeeded", **more: object) -> str:

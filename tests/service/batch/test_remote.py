@@ -43,47 +43,6 @@ def photos(batch: Folders, count: int) -> None:
         batch.photo(f"{number}.jpg", f"photo {number}")
 
 
-def test_a_folder_through_a_server(batch: Folders, fake: Fake) -> None:
-    batch.options = {"seed": 4}
-    photos(batch, 6)
-    tally = batch.run(jobs=3)
-    assert (tally.made, tally.failed) == (6, 0)
-    assert len(batch.archives()) == 6
-    assert all((batch.out / name).read_bytes() == fake.archive for name in batch.archives())
-    assert sorted(fake.photos.values()) == [f"photo {number}".encode() for number in range(6)]
-    assert fake.jobs == {}, "what was downloaded is erased at the server"
-    assert all(seen.headers["Authorization"] == "Bearer secret" for seen in fake.seen)
-    assert batch.run(resume=True).skipped == 6
-    assert len(fake.requests("POST")) == 6
-
-
-def test_one_bad_photo_never_stops_the_rest(batch: Folders, fake: Fake) -> None:
-    photos(batch, 6)
-    fake.fail(
-        "POST",
-        "avatars",
-        answer(413, problem(413, "too-large", "at most 25 MB")),
-        answer(422, problem(422, "no-face", "no face")),
-        answer(500, problem(500, "internal", "a fault of the server")),
-        answer(429, problem(429, "queue-full"), Retry_After="10"),
-        hang_up,
-    )
-    tally = batch.run(jobs=1)
-    assert (tally.made, tally.failed, tally.left) == (3, 3, 0)
-    codes = {line["error"]["code"] for line in batch.lines().values() if line["error"]}
-    assert codes == {"too-large", "no-face", "internal"}
-
-
-def test_a_photo_that_failed_is_a_new_job_for_resume(batch: Folders, fake: Fake) -> None:
-    """With the same key the server would answer with the old failure for as long as it keeps it."""
-    photos(batch, 1)
-    fake.error = problem(500, "crashed")
-    assert batch.run().failed == 1
-    fake.error = None
-    assert batch.run(resume=True).made == 1
-    assert len({seen.headers["Idempotency-Key"] for seen in fake.requests("POST")}) == 2
-
-
 def test_copies_of_a_photo_do_not_erase_each_others_job(batch: Folders, fake: Fake) -> None:
     for number in range(6):
         batch.photo(f"{number}.jpg", "the same photo")

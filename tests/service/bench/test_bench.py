@@ -11,36 +11,22 @@ import numpy as np
 import pytest
 
 from service import diagnosis
-from service.bench.report import MARK, as_markdown, draw, put
+from service.bench.report import as_markdown, draw
 from service.bench.runs import (
     COMPARED,
-    SAME_DB,
     Row,
-    decibels,
-    degrees,
-    face_of,
     isolated,
     line,
     loss_of,
     make,
-    pareto,
     run_bench,
     runs,
 )
-from service.cli.bench_and_doctor import bench as command
-from service.errors import Crashed, ModelFault, UsageError
+from service.errors import Crashed, ModelFault
 from service.levels import LEVELS
 from service.options import Options
-from service.reflectance.translate import pack_normals
 
 EVERYTHING = np.ones((8, 8), bool)
-
-
-def test_pareto_front() -> None:
-    points = [(1, 5), (2, 3), (2, 4), (3, 3), (4, 1), (4, 1), (float("nan"), 0)]
-    assert pareto(points) == [True, True, False, False, True, True, False]
-    assert pareto([]) == []
-    assert pareto([(1, 2, 9), (1, 2, 8)]) == [False, True]
 
 
 def test_a_straight_line_is_found_and_a_bent_one_told() -> None:
@@ -49,27 +35,6 @@ def test_a_straight_line_is_found_and_a_bent_one_told() -> None:
     assert straight is not None and bent is not None
     assert [straight.start, straight.slope] == pytest.approx([3, 2])
     assert straight.worst < 1e-9 and bent.worst > 0.1
-
-
-@pytest.mark.parametrize(("x", "y"), [([1, 2], [1, 2]), ([1, 2, 3], [1, 0, 1]), ([2, 2, 2], [1, 2, 3])])
-def test_no_line_where_none_says_anything(x: list[float], y: list[float]) -> None:
-    """Two points are always on one; a time of nothing cannot be weighed; one size has no slope."""
-    assert line(x, y) is None
-
-
-def test_psnr_of_a_constant_difference() -> None:
-    a = np.full((8, 8, 3), 10000, np.uint16)
-    assert loss_of("colour", a + np.uint16(6553), a, EVERYTHING) == pytest.approx(6553 / 65535, rel=1e-5)
-    assert decibels(0.1) == pytest.approx(20)
-    assert decibels(0) == SAME_DB
-
-
-def test_angle_of_a_known_turn() -> None:
-    flat, tilted = (pack_normals(*np.full((3, 8, 8), np.array(v)[:, None, None])) for v in ((0, 0, 1), (0.5, 0, 1)))
-    assert loss_of("normal", tilted, flat, EVERYTHING) == pytest.approx(np.degrees(np.arctan(0.5)), abs=0.01)
-    small = degrees(np.array([0, 0, 1.0], np.float32), np.array([1e-4, 0, 1.0], np.float32))
-    assert small == pytest.approx(np.degrees(1e-4), rel=1e-4), "a cosine would have lost it"
-    assert degrees(np.zeros(3, np.float32), np.array([0, 0, 1], np.float32)) == 0
 
 
 def test_only_the_mask_counts_unless_it_is_empty() -> None:
@@ -93,12 +58,6 @@ def test_the_reference_is_the_best_and_every_quality_is_run() -> None:
         labels = [run.label for run in runs(quick=quick)]
         assert len(set(labels)) == len(labels), "two rows would look the same"
     assert [run.label for run in runs(quick=False)][-len(LEVELS) :] == list(LEVELS)
-
-
-def test_a_file_keeps_the_text_around_its_table() -> None:
-    text = put("# Title\n\nWords.\n", "one\n")
-    assert text == f"# Title\n\nWords.\n\n{MARK[0]}\none\n{MARK[1]}\n"
-    assert put(text + "\nAfter.\n", "two\n") == text.replace("one", "two") + "\nAfter.\n"
 
 
 def test_memory_is_that_of_the_measured_process_alone() -> None:
@@ -142,14 +101,3 @@ def test_without_a_reference_there_is_no_table() -> None:
 
     with pytest.raises(ModelFault):
         run_bench(runs(quick=True), photo=b"", launch=fails)
-
-
-def test_the_face_is_in_the_middle_of_the_chart() -> None:
-    assert face_of(np.zeros((4096, 6144))).shape == (1536, 1536)
-    assert face_of(np.zeros((64, 96, 3))).shape == (24, 24, 3)
-
-
-def test_the_plot_needs_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(UsageError, match="pip install matplotlib"):
-        command(quick=True, as_json=False, output=str(tmp_path))

@@ -2,20 +2,15 @@ from __future__ import annotations
 
 import json
 import logging
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from service import diagnosis
 from service.batch.display import display
 from service.cli.app import app
-from service.client.download import check_archive
 from tests.service.client.fake import Fake, answer, problem, serving
 from tests.support.archives import archive
-
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -67,19 +62,6 @@ def test_the_address_may_come_from_the_environment(
     assert len(fake.requests("POST")) == 1
 
 
-def test_the_exit_status_says_whether_any_failed(
-    capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path
-) -> None:
-    fake.fail("POST", "avatars", answer(422, problem(422, "no-face", "there is no face")))
-    status, out, err = run(capsys, folder, tmp_path / "out", "--server", fake.url, "--json")
-    assert status == 1
-    assert "a.jpg: no-face: there is no face" in err
-    facts = json.loads(out)
-    assert (facts["made"], facts["failed"], facts["left"]) == (0, 1, 0)
-    status, out, err = run(capsys, folder, tmp_path / "out", "--server", fake.url, "--json", "--resume")
-    assert (status, json.loads(out)["made"]) == (0, 1)
-
-
 def test_a_server_that_refuses_the_key_is_named(
     capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path
 ) -> None:
@@ -112,37 +94,6 @@ def test_usage_errors_end_with_two(
     assert (status, out) == (2, "")
     assert err
     assert Path("full", "a.zip").read_text() == "somebody's"
-
-
-def test_the_page_explains_every_option_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, _ = run(capsys, "--help")
-    own = set(re.findall(r"^ +(--[a-z-]+)", out, re.MULTILINE)) - {"--help"}
-    with pytest.raises(SystemExit):
-        app(["make", "--help"], prog_name="avatarme")
-    of_make = set(re.findall(r"^ +(?:-\w, )?(--[a-z-]+)", capsys.readouterr().out, re.MULTILINE))
-    of_make -= {"--output", "--video"}  # a folder has photos
-    assert status == 0
-    assert of_make <= own | {"--help"}, "batch takes all options of make"
-    page = (ROOT / "docs" / "batch.md").read_text("utf-8")
-    assert not {option for option in own - of_make if f"`{option}" not in page}
-
-
-def test_one_good_and_one_broken_photo_on_this_machine(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """The real pipeline in real processes."""
-    (tmp_path / "photos").mkdir()
-    sample = diagnosis.SAMPLE.read_bytes()
-    (tmp_path / "photos" / "good.png").write_bytes(sample)
-    (tmp_path / "photos" / "broken.png").write_bytes(sample[: len(sample) // 2])
-    out = tmp_path / "out"
-    flags = ["--size", "96x64", "--fit", "landmarks", "--maps", "texture"]
-    status, text, _ = run(capsys, tmp_path / "photos", out, *flags, "--json")
-    assert status == 1
-    assert (json.loads(text)["made"], json.loads(text)["failed"]) == (1, 1)
-    check_archive(out / "good.zip")
-    lines = {line["path"]: line for line in map(json.loads, (out / "report.jsonl").read_text().splitlines())}
-    assert lines["broken.png"]["error"]["code"] == "corrupt-image"
-    assert lines["good.png"]["options"] == {"size": [96, 64], "fit": "landmarks", "maps": ["texture"]}
-    assert sorted(path.name for path in out.iterdir()) == [".batch", "good.zip", "report.jsonl"]
 
 
 @pytest.mark.parametrize("no_color", [None, "1"])

@@ -7,15 +7,39 @@ import pytest
 import typer
 
 from service import errors
-from service.cli.failures import exit_status, reported
+from service.cli.failures import reported
 from service.errors import AvatarError
-
-CONTRACT = {"UsageError": 2, "NoUsableFace": 3, "UnreadableInput": 4}
-"""Exit statuses by branch of the tree; every other fault ends with 1."""
 
 
 def tree(root: type[AvatarError] = AvatarError) -> list[type[AvatarError]]:
     return [root, *(leaf for branch in root.__subclasses__() for leaf in tree(branch))]
+
+
+def test_the_drawn_tree_is_the_tree() -> None:
+    """The picture at the top of errors.py names every class."""
+    assert errors.__doc__
+    names = {kind.__name__ for kind in tree() if kind.__module__ == errors.__name__}
+    assert names <= set(re.findall(r"\w+", errors.__doc__))
+
+
+def test_a_bug_ends_with_one_and_a_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(typer.Exit) as leaving, reported(as_json=True):
+        raise ZeroDivisionError("depth was 0")
+    out, err = capsys.readouterr()
+    assert leaving.value.exit_code == 1
+    assert "Traceback" in err
+    assert json.loads(out)["error"] == {"code": "internal", "message": "ZeroDivisionError: depth was 0"}
+
+
+def test_control_c_ends_with_130(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(typer.Exit) as leaving, reported(as_json=False):
+        raise KeyboardInterrupt
+    assert leaving.value.exit_code == 130
+    assert "Traceback" not in capsys.readouterr().err
+
+
+CONTRACT = {"UsageError": 2, "NoUsableFace": 3, "UnreadableInput": 4}
+"""Exit statuses by branch of the tree; every other fault ends with 1."""
 
 
 def promised(kind: type[AvatarError]) -> int:
@@ -37,41 +61,3 @@ def test_every_fault_leaves_by_its_own_status(
         assert fault == {"boxes": [[1, 2, 3, 4]], "code": kind.code, "message": "side is 3; at least 64 is needed"}
     else:
         assert out == "", "standard output is for results"
-
-
-def test_the_drawn_tree_is_the_tree() -> None:
-    """The picture at the top of errors.py names every class."""
-    assert errors.__doc__
-    names = {kind.__name__ for kind in tree() if kind.__module__ == errors.__name__}
-    assert names <= set(re.findall(r"\w+", errors.__doc__))
-
-
-def test_codes_are_unique() -> None:
-    codes = [kind.code for kind in tree()]
-    assert len(set(codes)) == len(codes)
-
-
-def test_a_bug_ends_with_one_and_a_traceback(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(typer.Exit) as leaving, reported(as_json=True):
-        raise ZeroDivisionError("depth was 0")
-    out, err = capsys.readouterr()
-    assert leaving.value.exit_code == 1
-    assert "Traceback" in err
-    assert json.loads(out)["error"] == {"code": "internal", "message": "ZeroDivisionError: depth was 0"}
-
-
-def test_control_c_ends_with_130(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(typer.Exit) as leaving, reported(as_json=False):
-        raise KeyboardInterrupt
-    assert leaving.value.exit_code == 130
-    assert "Traceback" not in capsys.readouterr().err
-
-
-def test_an_exit_that_was_meant_passes_unchanged() -> None:
-    with pytest.raises(typer.Exit) as leaving, reported(as_json=False):
-        raise typer.Exit(7)
-    assert leaving.value.exit_code == 7
-
-
-def test_out_of_memory_is_anything_else() -> None:
-    assert exit_status(MemoryError()) == 1

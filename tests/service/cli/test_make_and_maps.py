@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -22,7 +20,7 @@ from service import diagnosis, errors
 from service.cli.app import app
 from service.cli.files import progress_bar
 from service.cli.make_and_maps import destination
-from service.errors import AvatarError, MultipleFaces, TooManyBytes, UnreadableInput, UsageError
+from service.errors import AvatarError, TooManyBytes, UnreadableInput, UsageError
 from service.face.several import LeftOut
 from service.options import Options
 from service.photo.limits import Limits, read_file
@@ -88,35 +86,6 @@ def replace(
         monkeypatch.setitem(sys.modules, name, module)
 
 
-def test_the_path_of_the_archive_is_all_of_stdout(run: Run, photo: Path, asked: list[Any]) -> None:
-    status, out, err = run("make", str(photo))
-    assert (status, out) == (0, f"{photo.with_suffix('.zip')}\n")
-    assert err == "avatarme: warning: no-colour\n"
-    assert asked == [([b"the bytes of a photo"], Options())]
-    assert photo.with_suffix(".zip").read_bytes() == b"PK"
-
-
-def test_options_reach_the_pipeline(run: Run, photo: Path, asked: list[tuple[list[bytes], Options]]) -> None:
-    words = "--maps texture --size 1152x768 --face 1 --seed 5 --fit dense --identity-components 9 --iterations 4"
-    words += " --quality draft --budget 9.5 --bits 16 --normals object --runtime onnxruntime"
-    assert run("make", str(photo), *words.split())[0] == 0
-    (_, options), *_ = asked
-    assert options == Options(
-        maps=("texture",), size=(1152, 768), face=1, seed=5, fit="dense", identity_components=9, iterations=4,
-        quality="draft", budget=9.5, bits=16, normals="object", runtime="onnxruntime",
-    )  # fmt: skip
-
-
-def test_json_is_one_object_with_what_a_machine_needs(run: Run, photo: Path, asked: list[Any]) -> None:
-    status, out, _ = run("make", str(photo), "--json", "-o", str(photo.with_name("out.zip")))
-    facts = json.loads(out)
-    assert status == 0
-    assert facts["archive"] == str(photo.with_name("out.zip"))
-    assert facts["bytes"] == 2
-    assert facts["fit"]["landmark_rms_px"] == 0.5
-    assert facts["warnings"] == ["no-colour"]
-
-
 def test_several_photos_are_one_avatar_and_those_left_out_are_named(
     run: Run, photo: Path, asked: list[tuple[list[bytes], Options]]
 ) -> None:
@@ -157,13 +126,6 @@ def test_usage_errors_end_with_two_and_say_nothing_on_stdout(run: Run, words: st
     assert err
 
 
-def test_the_help_explains_every_option(run: Run) -> None:
-    status, out, _ = run("make", "--help")
-    options = re.findall(r"^ +(?:-\w, )?--[a-z-]+(?: (?:<\w+>|[A-Z.,]+))?(?: {2,}(\S.*))?$", out, re.MULTILINE)
-    assert status == 0
-    assert len(options) >= 8 and all(options)
-
-
 @pytest.mark.parametrize("kind", [errors.NoFace, errors.CorruptImage, errors.NumericFault, errors.UsageError])
 def test_a_fault_of_a_stage_sets_the_status_and_leaves_no_archive(
     run: Run, photo: Path, monkeypatch: pytest.MonkeyPatch, kind: type[AvatarError]
@@ -177,22 +139,6 @@ def test_a_fault_of_a_stage_sets_the_status_and_leaves_no_archive(
     assert not photo.with_suffix(".zip").exists()
 
 
-def test_several_faces_come_with_their_boxes(run: Run, photo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def make_avatar(*_: object) -> None:
-        raise MultipleFaces("two faces", boxes=[[0, 0, 1, 1], [2, 2, 3, 3]])
-
-    replace(monkeypatch, make_avatar, lambda *_: None)
-    status, out, _ = run("make", str(photo), "--json")
-    assert status == 3
-    assert json.loads(out)["error"]["boxes"] == [[0, 0, 1, 1], [2, 2, 3, 3]]
-
-
-def test_no_bar_where_stderr_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress_bar() as progress:
-        progress("fit", 0.5)
-    assert capsys.readouterr() == ("", "")
-
-
 def terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm-256color")
@@ -202,13 +148,6 @@ def terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     out, err = capsys.readouterr()
     assert out == "", "progress belongs to stderr only"
     return err
-
-
-def test_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    drawn = terminal(monkeypatch, capsys)
-    assert "texture" in drawn
-    assert "\x1b[38" in drawn
 
 
 def test_no_color_is_obeyed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -261,16 +200,6 @@ def test_openblas_has_one_thread_before_numpy_loads(tmp_path: Path, given: str |
     assert stopped.stderr.strip().endswith(f"threads={seen}"), stopped.stderr
 
 
-def test_a_file_is_read_whole(tmp_path: Path) -> None:
-    (tmp_path / "a photo.jpg").write_bytes(b"\xff\xd8 bytes")
-    assert read_file(str(tmp_path / "a photo.jpg")) == b"\xff\xd8 bytes"
-
-
-def test_a_pipe_is_read_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(b"bytes")))
-    assert read_file("-") == b"bytes"
-
-
 def test_a_named_pipe_is_read(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     writer = threading.Thread(target=(tmp_path / "pipe").write_bytes, args=(b"bytes",))
@@ -297,26 +226,10 @@ def test_an_endless_pipe_ends_at_the_limit_of_the_gate() -> None:
         read_file("/dev/zero")
 
 
-def test_the_archive_goes_beside_the_photo() -> None:
-    assert destination(["a/b/me.jpg"], None, as_json=False) == "a/b/me.zip"
-    assert destination(["me"], None, as_json=False) == "me.zip"
-    assert destination(["me.jpg"], "other.zip", as_json=True) == "other.zip"
-
-
-def test_a_pipe_answers_into_the_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.stdout", SimpleNamespace(isatty=lambda: False))
-    assert destination(["-"], None, as_json=False) == "-"
-
-
 def test_a_zip_is_not_poured_over_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdout", SimpleNamespace(isatty=lambda: True))
     with pytest.raises(UsageError, match="terminal"):
         destination(["me.jpg"], "-", as_json=False)
-
-
-def test_json_and_archive_do_not_mix() -> None:
-    with pytest.raises(UsageError, match="--json"):
-        destination(["-"], None, as_json=True)
 
 
 def test_the_photo_is_not_overwritten(tmp_path: Path) -> None:

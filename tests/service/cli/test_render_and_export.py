@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,6 @@ from service.render.request import RenderRequest
 from service.render.surface import ROLES
 from tests.service.archive.toys import toy_avatar
 from tests.service.render.toys import ROUGH
-
-SCENE = {"environment": {"zenith": [1, 1, 1], "horizon": [1, 1, 1], "ground": [1, 1, 1]}}
 
 
 @pytest.fixture(scope="module")
@@ -40,33 +37,6 @@ def rough(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def run(*arguments: object, data: bytes = b"") -> Any:
     return CliRunner().invoke(app, ["render", *map(str, arguments)], input=data)
-
-
-def small(*arguments: object) -> tuple[object, ...]:
-    return (*arguments, "--size", "32x40", "--samples", "1")
-
-
-def test_an_archive_becomes_a_picture(archive: Path, tmp_path: Path) -> None:
-    scene, image = tmp_path / "scene.json", tmp_path / "image.png"
-    scene.write_text(json.dumps(SCENE))
-    result = run(*small(archive, "--scene", scene, "-o", image, "--json", "--view", "left"))
-    assert result.exit_code == 0, result.output
-    facts = json.loads(result.stdout)
-    assert facts["image"] == str(image)
-    assert facts["bytes"] == image.stat().st_size
-    assert facts["camera"]["viewpoint_m"] == pytest.approx([1.2, 0.0, 0.0])
-    assert facts["effects"]
-    assert set(facts["timings_s"]) >= {"maps", "sky", "plan", "diffuse"}
-    assert "occlusion" in result.stderr and "error at most" in result.stderr
-    assert "fallback: diffuse_albedo-from-texture" in result.stderr
-    plain = run(*small(archive, "--scene", scene, "-o", image, "--view", "left"))
-    assert plain.stdout.strip() == str(image)
-
-
-def test_pipes(archive: Path) -> None:
-    result = run(*small("-", "-o", "-"), data=archive.read_bytes())
-    assert result.exit_code == 0, result.stderr
-    assert result.stdout_bytes[:8] == b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.face.detection import MIRROR, Detection, Mesh, MeshNetwork, anchors, decode_boxes, locate, merge
-from service.face.finder import CONSISTENT, Face, FaceFinder
+from service.face.detection import Detection, Mesh, MeshNetwork, anchors, decode_boxes, locate, merge
+from service.face.finder import CONSISTENT, Face
 from tests.service.face.conftest import Pixels
 from tests.service.face.geometry import rms
 
@@ -58,12 +58,6 @@ def test_two_half_off_boxes_become_one_between_them() -> None:
     assert face.score == 0.6
 
 
-def test_merging_weighs_by_score_and_keeps_distant_faces() -> None:
-    faces = merge([detection(300, 50, 60, 0.7), detection(100, 50, 60, 0.9), detection(108, 50, 60, 0.3)])
-    assert [f.score for f in faces] == [0.9, 0.7]
-    assert faces[0].centre[0] == pytest.approx(102)
-
-
 @pytest.fixture(scope="module")
 def network() -> MeshNetwork:
     return MeshNetwork()
@@ -72,13 +66,6 @@ def network() -> MeshNetwork:
 @pytest.fixture(scope="module")
 def seen(face: Face) -> Detection:
     return Detection((face.box[:2] + face.box[2:]) / 2, float(face.box[2] - face.box[0]), face.score, face.keypoints)
-
-
-def test_mirror_partners_are_mutual() -> None:
-    assert sorted(MIRROR) == list(range(468))
-    assert all(MIRROR[MIRROR[i]] == i for i in range(468))
-    assert sum(MIRROR[i] == i for i in range(468)) == 28
-    assert (MIRROR[33], MIRROR[133], MIRROR[61], MIRROR[4]) == (263, 362, 291, 4)  # eye corners, mouth corner, nose tip
 
 
 @pytest.mark.parametrize("across", [-0.45, 0.45])
@@ -107,12 +94,6 @@ def test_the_logit_tells_the_way_up(network: MeshNetwork, portrait: Pixels, seen
     turned = replace(upright, angle=upright.angle + quarter * np.pi / 2)
     assert network(portrait, upright).logit > 30
     assert network(portrait, turned).logit < 15
-
-
-def test_a_mirrored_photo_has_the_mirrored_mesh(finder: FaceFinder, portrait: Pixels, face: Face) -> None:
-    (other,) = finder.find(np.ascontiguousarray(portrait[:, ::-1]))
-    back = other.landmarks[list(MIRROR)] * [-1, 1, 1] + [portrait.shape[1], 0, 0]
-    assert rms(back, face.landmarks) < 0.012
 
 
 def test_disagreement_with_an_empty_box_is_finite(face: Face, seen: Detection) -> None:

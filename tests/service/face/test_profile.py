@@ -9,7 +9,7 @@ import pytest
 
 from service.errors import NumericFault
 from service.face.detection import Detection
-from service.face.finder import Face, FaceFinder
+from service.face.finder import Face
 from service.face.fit.landmark_fit import LandmarkModel
 from service.face.profile import CROP, faces_by_reading, look
 from service.face.reading.reader import ReaderNetwork, Reading
@@ -59,14 +59,6 @@ def test_on_a_face_that_both_see_they_agree(
     assert seen.warnings[0] == "landmarks-read"
 
 
-def test_the_detector_gives_its_box_whatever_the_landmark_network_says(
-    finder: FaceFinder, portrait: Pixels, face: Face
-) -> None:
-    best = finder.doubted(portrait)[0]
-    assert np.hypot(*(best.centre - around(face).centre)) < 0.2 * around(face).size
-    assert finder.doubted(np.full((90, 120, 3), 128, np.uint8)) == []
-
-
 @pytest.mark.parametrize("middle", [(0.0, 0.0), (400.0, 300.0), (220.0, 360.0), (9e3, 9e3)])
 def test_where_there_is_no_face_none_is_read(
     head: HeadModel, network: ReaderNetwork, portrait: Pixels, face: Face, middle: tuple[float, float]
@@ -76,11 +68,6 @@ def test_where_there_is_no_face_none_is_read(
     elsewhere = replace(around(face), centre=np.array(middle), keypoints=face.keypoints + shift)
     assert faces_by_reading(portrait, [elsewhere], head, network) == []
     assert faces_by_reading(portrait, [], head, network) == []
-
-
-def test_the_next_box_is_tried(head: HeadModel, network: ReaderNetwork, portrait: Pixels, face: Face) -> None:
-    beside = replace(around(face), centre=np.array([9e3, 9e3]))
-    assert len(faces_by_reading(portrait, [beside, around(face)], head, network)) == 1
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
@@ -45,13 +44,6 @@ def test_outside_the_photo_is_black() -> None:
     crop = Region(0.0, 25.0, 40.0).cut(photo, 32)
     assert not crop[:, :15].any()
     assert (crop[:, 17:] == 200).all()
-
-
-@pytest.mark.parametrize("angle", np.linspace(-3, 3, 9))
-def test_roll_is_the_turn_of_the_face(angle: float) -> None:
-    turn = cv2.getRotationMatrix2D((0, 0), -np.degrees(angle), 1.0)[:, :2]
-    points = np.array([[-30.0, 0.0], [30.0, 0.0], [0.0, 65.0]]) @ turn.T
-    assert roll(*points) == pytest.approx(angle)
 
 
 def test_roll_of_coinciding_points_is_zero() -> None:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service.errors import CorruptImage, FitFailed, NoFace, Strangers, UnreadableInput, UsageError
+from service.errors import FitFailed, NoFace, Strangers, UnreadableInput, UsageError
 from service.face import several
 from service.face.finder import Face
 from service.face.fit.fit import FitSettings
@@ -59,13 +59,6 @@ def test_no_photo_at_all_is_the_error_of_the_first() -> None:
 def test_too_few_and_too_many_are_refused(count: int) -> None:
     with pytest.raises(UsageError, match=str(count)):
         check_count(count)
-
-
-def test_large_photos_are_made_smaller_and_say_so() -> None:
-    photo = Photo(np.zeros((600, 900, 3), np.uint8))
-    assert smaller(photo, 540_000) is photo
-    less = smaller(photo, 135_000)
-    assert less.size == (450, 300) and "photo-made-smaller" in less.warnings
 
 
 def codes(*people: int) -> list[Any]:
@@ -160,7 +153,8 @@ def test_a_photo_that_cannot_be_fitted_is_left_out_and_the_best_comes_first(monk
     assert [left.code for left in found.left_out] == ["fit-failed"]
 
 
-def test_errors_of_one_photo_are_not_renamed() -> None:
-    error = CorruptImage("damaged")
-    assert several.of_photo(error, 0, 1) is error
-    assert several.of_photo(error, 2, 3).message == "photo 3 of 3: damaged"
+def test_large_photos_are_made_smaller_and_say_so() -> None:
+    photo = Photo(np.zeros((600, 900, 3), np.uint8))
+    assert smaller(photo, 540_000) is photo
+    less = smaller(photo, 135_000)
+    assert less.size == (450, 300) and "photo-made-smaller" in less.warnings

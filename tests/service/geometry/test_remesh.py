@@ -46,23 +46,6 @@ def test_a_flat_sheet_with_an_open_border_stays_flat_and_keeps_its_outline() -> 
     assert (face_normals(smooth, step.quads[:, :3])[:, 2] > 0).all()
 
 
-@pytest.mark.parametrize("count", [4, 6])
-def test_chart_coordinates_are_only_averaged(count: int) -> None:
-    """Points that no face uses stay where they are."""
-    uv = np.random.default_rng(0).random((count, 2))
-    step = Subdivision.of(np.array([[0, 1, 2, 3]]), count)
-    fine = step.linear(uv)
-    np.testing.assert_array_equal(fine[:count], uv)
-    np.testing.assert_allclose(fine[count], uv[:4].mean(0))
-    np.testing.assert_array_equal(step.smooth(uv)[4:count], uv[4:])
-
-
-def test_points_on_an_open_border_are_told() -> None:
-    step = Subdivision.of(CUBE_FACES[1:], 8)  # without its side at x = -1
-    assert np.array_equal(step.open_points(), step.linear(CUBE)[:, 0] == -1)
-    assert not Subdivision.of(CUBE_FACES, 8).open_points().any()
-
-
 def area(points: Float64, triangles: Int64) -> float:
     first, second, third = (points[corner] for corner in triangles.T)
     return 0.5 * float(np.abs(np.cross(second - first, third - first)[:, 2]).sum())

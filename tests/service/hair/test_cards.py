@@ -9,7 +9,7 @@ import pytest
 from service.colour import bytes_to_linear
 from service.geometry.mesh import face_normals
 from service.hair.atlas import Cells, cell_corners
-from service.hair.cards import CUTOFF, PARTS, Body, Budget, hair_parts, kmeans, on_hairline
+from service.hair.cards import CUTOFF, PARTS, Body, Budget, hair_parts
 from service.hair.groom import Groom, make_groom
 from service.hair.scalp import mean_scalp
 from service.hair.style import NAMED, sample_style
@@ -76,33 +76,12 @@ def test_alpha_holds_in_mip_levels(made: tuple[Groom, tuple[MeshPart, ...]]) -> 
     assert abs(float(small.mean() - alpha.mean())) < 1e-3
 
 
-def test_keeps_the_colour_of_the_strands(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
-    groom, parts = made
-    pixels = atlas(parts)
-    shown = bytes_to_linear(pixels[..., :3])[pixels[..., 3] > 200].mean(0)
-    assert np.allclose(np.sqrt(shown), np.sqrt(groom.colour.linear(8).mean((0, 1))), atol=0.05)
-
-
 def test_the_cap_is_closed_where_hair_is_full(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
     alpha = atlas(made[1])[..., 3]
     low, high = cell_corners(Cells.layout().cap)
     columns = slice(int(low[0] * len(alpha)) + 1, int(high[0] * len(alpha)))
     assert alpha[round((1 - float(high[1])) * len(alpha)), columns].min() > 220
     assert alpha[round((1 - float(low[1])) * len(alpha)) - 1, columns].max() < 20
-
-
-def test_transparent_texels_have_the_colour_of_hair(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
-    # Else mip levels and bilinear samples get a dark rim.
-    pixels = atlas(made[1]).astype(int)
-    hair = pixels[pixels[..., 3] > 128][:, :3]
-    assert (pixels[..., :3].reshape(-1, 3).min(0) >= np.minimum(hair.min(0), 0.8 * hair.mean(0)) - 3).all()
-
-
-def test_the_same_groom_gives_the_same_bytes() -> None:
-    groom = make_groom(NAMED["bob"], 3, 1500)
-    one, other = (hair_parts(groom, mean_scalp(), SMALL) for _ in range(2))
-    assert all((a.vertices == b.vertices).all() and (a.faces == b.faces).all() for a, b in zip(one, other, strict=True))
-    assert (atlas(one) == atlas(other)).all()
 
 
 def test_hair_without_the_photos_light_keeps_its_parts_together() -> None:
@@ -122,28 +101,3 @@ def test_a_head_without_strands_wears_nothing() -> None:
     fields = (bald.strands[:0], bald.root_uv[:0], bald.lock[:0], bald.guide[:0], bald.guides[:0], bald.colour)
     none = Groom(bald.style, *fields)
     assert hair_parts(none, mean_scalp(), SMALL) == ()
-
-
-def test_few_strands_are_enough() -> None:
-    for count in (1, 2, 9):
-        parts = hair_parts(make_groom(NAMED["bob"], 3, count), mean_scalp(), SMALL)
-        assert all(np.isfinite(part.vertices).all() for part in parts)
-
-
-def test_hairline_is_the_border_of_the_roots() -> None:
-    x, y = np.meshgrid(np.linspace(0, 1, 40), np.linspace(0, 1, 40))
-    roots = np.stack([x.ravel(), y.ravel(), np.zeros(1600)], 1).astype(np.float32)
-    found = on_hairline(roots)
-    inside = (np.abs(roots[:, :2] - 0.5) < 0.4).all(1)
-    assert found[(roots[:, 0] == 0) | (roots[:, 1] == 1)].all()
-    assert not found[inside].any()
-
-
-def test_kmeans_finds_what_is_apart() -> None:
-    rng = np.random.default_rng(1)
-    rows = np.concatenate([rng.normal(m, 0.1, (50, 4)) for m in (0.0, 3.0, 9.0)]).astype(np.float32)
-    label = kmeans(rows, 12, 6, rng)
-    groups = [set(label[k : k + 50].tolist()) for k in (0, 50, 100)]
-    assert not groups[0] & groups[1]
-    assert not groups[1] & groups[2]
-    assert sorted(set(label.tolist())) == list(range(label.max() + 1))

@@ -12,7 +12,6 @@ import pytest
 from service.colour import linear_to_srgb, luma
 from service.errors import ModelFault, UsageError
 from service.face.region import Region
-from service.hair.asked import COLOURS as COLOUR_NAMES
 from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
 from service.hair.bank import kind_of, match, mirrored, read_bank
 from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
@@ -23,7 +22,7 @@ from service.hair.refine import refined
 from service.hair.scalp import Scalp
 from service.hair.shape import filled, fitted, seen_share, thickness_m, trimmed
 from service.hair.sight import overlap
-from service.hair.style import NAMED, style_from_json, style_to_json
+from service.hair.style import NAMED, style_to_json
 from service.hair.wear import hair_cards
 from service.head.files import load_head
 from service.options import Options
@@ -43,18 +42,6 @@ def test_the_bank_knows_what_it_is_shown(kind: str) -> None:
     assert matches.probability.sum() == pytest.approx(1.0)
     assert next(iter(matches.kinds(read_bank()))) == kind
     assert matches.overlap.max() > 0.8
-
-
-def test_a_parting_is_found_on_its_own_side() -> None:
-    """Mirror images are half of the bank: a photo of one is that of the other, turned."""
-    left = photographed(NAMED["side_part"], 5, HEAD, yaw=-20.0)
-    matches = match(read_bank(), left.sight, left.fit, HEAD, left.reading)
-    turned = dataclasses.replace(left.sight, hair=left.sight.hair[:, ::-1])
-    other = photographed(NAMED["bob"], 5, HEAD, yaw=20.0)
-    again = match(read_bank(), turned, other.fit, HEAD, left.reading)
-    half = len(read_bank().styles)
-    np.testing.assert_allclose(again.overlap, np.roll(matches.overlap, half), atol=0.06)
-    assert mirrored(mirrored(NAMED["side_part"])) == NAMED["side_part"]
 
 
 def test_a_bank_that_is_torn_is_named(tmp_path: Path) -> None:
@@ -101,11 +88,6 @@ def test_strands_are_cut_where_the_photo_shows_none_and_only_there() -> None:
     assert len(none) == len(kept) == 0 and len(seen_share(strands[:0], bare)) == 0
 
 
-def test_thickness_tells_a_shaved_head_from_a_crop() -> None:
-    thin, thick = (thickness_m(photographed(NAMED[kind], 3, HEAD).sight) for kind in ("shaved", "side_part"))
-    assert thin is not None and thick is not None and 0.5 * thick > CROPPED_M and thin < 0.4 * thick
-
-
 def picture_of(colour: np.ndarray, shade: np.ndarray | float = 1.0) -> Photo:
     """A photo of the size of a view, of one linear colour (3,) times a shade (112, 112)."""
     linear = np.clip(np.broadcast_to(np.asarray(shade)[..., None], (112, 112, 1)) * colour, 0, 1)
@@ -141,16 +123,6 @@ def test_black_hair_that_mirrors_the_sky_is_not_violet_and_blue_hair_stays_blue(
     assert blue[2] > 2 * blue[0]
 
 
-def test_hair_that_is_not_seen_is_guessed_and_says_so() -> None:
-    photo, asked = picture_of(np.full(3, 0.2)), AskedHair()
-    fit = fit_of(HEAD.mean, photographed(NAMED["crop"], 1, HEAD, strands=50).fit.camera)
-    found = find_hair(photo, HEAD, fit, None, asked, 300, 0)
-    assert found.groom is not None and set(found.doubts) == {"hair-unseen", "hair-colour-guessed"}
-    same = find_hair(photo, HEAD, fit, None, asked, 300, 0)
-    assert same.groom is not None
-    np.testing.assert_array_equal(found.groom.strands, same.groom.strands)
-
-
 @pytest.mark.parametrize("name", STYLES)
 def test_a_style_that_is_asked_for_is_worn(name: str) -> None:
     photo = picture_of(np.full(3, 0.2))
@@ -173,12 +145,6 @@ def test_a_head_without_a_scalp_wears_nothing_and_says_so() -> None:
     found = find_hair(picture_of(np.full(3, 0.2)), bare, fit, None, AskedHair(), 200, 0)
     assert found.groom is None and found.doubts == ("hair-not-for-this-head",)
     assert hair_cards(found, bare, HEAD.mean, "draft", 0) == ()
-
-
-def test_styles_survive_json_and_names_are_those_of_the_styles() -> None:
-    assert set(STYLES) == set(NAMED) and set(COLOUR_NAMES) == {"auto", *COLOURS}
-    for style in NAMED.values():
-        assert style_from_json(json.loads(json.dumps(style_to_json(style)))) == style
 
 
 def test_what_cannot_be_asked_for_is_refused_with_its_value(tmp_path: Path) -> None:
@@ -226,3 +192,30 @@ def test_cells_are_those_of_the_camera_and_the_square() -> None:
     cells, depth = turned.project(points)
     np.testing.assert_allclose(cells, turned.region.to_crop(turned.camera.project(points), CELLS), atol=1e-3)
     np.testing.assert_allclose(depth, turned.camera.to_camera(points)[:, 2], atol=1e-5)
+
+
+def test_a_parting_is_found_on_its_own_side() -> None:
+    """Mirror images are half of the bank: a photo of one is that of the other, turned."""
+    left = photographed(NAMED["side_part"], 5, HEAD, yaw=-20.0)
+    matches = match(read_bank(), left.sight, left.fit, HEAD, left.reading)
+    turned = dataclasses.replace(left.sight, hair=left.sight.hair[:, ::-1])
+    other = photographed(NAMED["bob"], 5, HEAD, yaw=20.0)
+    again = match(read_bank(), turned, other.fit, HEAD, left.reading)
+    half = len(read_bank().styles)
+    np.testing.assert_allclose(again.overlap, np.roll(matches.overlap, half), atol=0.06)
+    assert mirrored(mirrored(NAMED["side_part"])) == NAMED["side_part"]
+
+
+def test_thickness_tells_a_shaved_head_from_a_crop() -> None:
+    thin, thick = (thickness_m(photographed(NAMED[kind], 3, HEAD).sight) for kind in ("shaved", "side_part"))
+    assert thin is not None and thick is not None and 0.5 * thick > CROPPED_M and thin < 0.4 * thick
+
+
+def test_hair_that_is_not_seen_is_guessed_and_says_so() -> None:
+    photo, asked = picture_of(np.full(3, 0.2)), AskedHair()
+    fit = fit_of(HEAD.mean, photographed(NAMED["crop"], 1, HEAD, strands=50).fit.camera)
+    found = find_hair(photo, HEAD, fit, None, asked, 300, 0)
+    assert found.groom is not None and set(found.doubts) == {"hair-unseen", "hair-colour-guessed"}
+    same = find_hair(photo, HEAD, fit, None, asked, 300, 0)
+    assert same.groom is not None
+    np.testing.assert_array_equal(found.groom.strands, same.groom.strands)

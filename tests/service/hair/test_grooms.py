@@ -13,15 +13,13 @@ from service.hair.colour import (
     KNOTS,
     PHEOMELANIN,
     SURFACE,
-    HairColour,
-    Melanin,
     absorption_of,
     as_absorbed,
     reflected,
 )
 from service.hair.groom import make_groom
-from service.hair.scalp import CROWN, mean_scalp
-from service.hair.style import NAMED, WAVES, Style, sample_style
+from service.hair.scalp import mean_scalp
+from service.hair.style import NAMED, WAVES, sample_style
 from service.head.files import load_head
 
 COUNT = 600
@@ -55,20 +53,6 @@ def test_random_styles_are_sound_and_repeat(seed: int) -> None:
     assert np.isfinite(one.strands).all()
 
 
-def test_free_strands_have_the_length_that_is_asked_for() -> None:
-    style = Style("even", 60, 60, 60, 60, layers=0, frizz_mm=0, flyaways=0, clump=0)
-    found = lengths_mm(make_groom(style, 5, COUNT).strands)
-    assert np.median(found) == pytest.approx(57, rel=0.08)  # trimmed by up to a tenth
-
-
-def test_hair_that_is_cut_at_a_height_ends_there() -> None:
-    style = dataclasses.replace(NAMED["bob"], layers=0.0, frizz_mm=0.0, flyaways=0.0)
-    ends = make_groom(style, 2, COUNT).strands[:, -1, 1]
-    assert style.cut_y is not None
-    assert np.quantile(ends, 0.02) > style.cut_y - 0.02
-    assert abs(np.quantile(ends, 0.2) - style.cut_y) < 0.03
-
-
 @pytest.mark.parametrize(("gather", "most_m"), [("ponytail", 0.08), ("bun", 0.09)])
 def test_hair_that_is_tied_leaves_the_tie_in_one_body(gather: str, most_m: float) -> None:
     groom = make_groom(NAMED[gather], 4, COUNT)
@@ -86,14 +70,6 @@ def test_curls_have_their_radius_about_their_lock() -> None:
     curled, plain = (np.median(lengths_mm(make_groom(s, 1, COUNT).strands)) for s in (style, straight))
     turn = np.hypot(1, 2 * np.pi * wave.radius_mm / wave.pitch_mm)
     assert 1.05 < curled / plain < 1.3 * turn
-
-
-def test_receding_temples_and_a_bald_crown_have_no_roots() -> None:
-    full = make_groom(dataclasses.replace(NAMED["crop"], hairline=0.0), 1, COUNT)
-    bald = make_groom(dataclasses.replace(NAMED["crop"], hairline=0.0, receding=1.0, crown=1.0), 1, COUNT)
-    assert len(bald.strands) < 0.86 * len(full.strands)
-    on_crown = [(np.linalg.norm(one.strands[:, 0] - CROWN, axis=1) < 0.04).sum() for one in (full, bald)]
-    assert on_crown[1] < 0.5 * on_crown[0]
 
 
 def test_no_strands_are_no_groom_and_no_error() -> None:
@@ -125,13 +101,6 @@ def test_melanin_is_found_again_from_its_colour() -> None:
     assert as_absorbed(np.broadcast_to(np.float32([0.05, 0.3, 0.1]), (4, KNOTS, 3))).dyed, "no melanin makes green hair"
     for colour in (0.0, 1.0):
         assert np.isfinite(as_absorbed(np.full((4, KNOTS, 3), colour, np.float32)).melanin).all()
-
-
-def test_grey_strands_are_paler_than_the_others() -> None:
-    rng = np.random.default_rng(0)
-    colours = HairColour.of(Melanin(1.5, 0.1, grey=0.5, fade=0.0), 400, rng).linear(2)[:, 0].mean(1)
-    pale = colours > 0.3
-    assert 0.4 < pale.mean() < 0.6 and colours[~pale].max() < 0.2
 
 
 def test_the_picture_tells_where_hair_is_and_which_way_it_runs() -> None:

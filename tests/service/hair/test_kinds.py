@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.hair.groom import make_groom
-from service.hair.kinds import KINDS, LENGTH_ENDS_M, LENGTHS, ends_m, kinds_of, length_of
+from service.hair.kinds import KINDS, ends_m, kinds_of
 from service.hair.style import NAMED, sample_style
 
 
@@ -30,24 +30,6 @@ def kinds(name: str, **changes: object) -> dict[str, str]:
 )  # fmt: skip
 def test_a_hairdresser_would_agree(name: str, asked: str, choice: str) -> None:
     assert kinds(name)[asked] == choice
-
-
-def test_a_fringe_that_is_cut_above_the_brows_is_one() -> None:
-    assert kinds("bob", fringe_mm=60.0)["fringe"] == "yes"
-
-
-def test_two_plaits_are_plaits_and_a_half_up_is_half() -> None:
-    assert kinds("ponytail", gather="two_plaits")["gathered"] == "plaits"
-    assert kinds("ponytail", gather="half_up")["gathered"] == "half"
-
-
-def test_longer_names_for_lower_ends() -> None:
-    heights = np.linspace(0.05, -0.5, 200)
-    order = [LENGTHS.index(length_of(h)) for h in heights]
-    assert order == sorted(order)
-    assert set(order) == {1, 2, 3, 4, 5}
-    for limit, name in zip(LENGTH_ENDS_M, LENGTHS[1:], strict=False):
-        assert length_of(limit + 1e-4) == name
 
 
 def test_what_hangs_ends_where_it_was_cut() -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from service.jobs.artifacts import Artifacts, artifact_name
+from service.jobs.artifacts import Artifacts
 
 JOB = "a" * 32
 DIGEST = "0" * 64
@@ -34,9 +34,3 @@ def test_only_names_of_ours_are_names(artifacts: Artifacts, name: str) -> None:
     for use in (artifacts.read, artifacts.exists, artifacts.delete):
         with pytest.raises(ValueError, match="not a name"):
             use(name)
-
-
-def test_files_are_for_the_owner_of_the_server_only(tmp_path: Path) -> None:
-    artifacts = Artifacts(f"file://{tmp_path}/store")
-    put(artifacts, tmp_path, artifact_name(JOB, "photo", DIGEST, "bin"))
-    assert (tmp_path / "store").stat().st_mode & 0o077 == 0

@@ -56,12 +56,6 @@ def test_a_job_gives_an_archive_and_leaves_nothing_else(bench: Bench) -> None:
     assert list(bench.runner.scratch.iterdir()) == []
 
 
-def test_the_photo_stays_where_that_is_asked_for(bench: Bench) -> None:
-    job = bench.add(keep_photo=True)
-    bench.run(job)
-    assert files(bench, job) == ["archive", "photo"]
-
-
 @pytest.mark.parametrize(
     ("seed", "code", "status"),
     [

@@ -70,22 +70,6 @@ def test_files_on_a_store_are_like_files_on_a_disk(url: str, tmp_path: Path) -> 
         artifacts.open(other)
 
 
-def test_what_another_process_writes_is_there_at_once(url: str, tmp_path: Path) -> None:
-    """A library that remembers listings would say that the result of another machine is lost."""
-    ours = Artifacts(url)
-    put(ours, tmp_path, "photo")
-    assert len(ours.names(JOB)) == 1
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("s3fs.S3FileSystem.cachable", False)
-        theirs = Artifacts(url)
-    assert theirs._fs is not ours._fs
-    name = put(theirs, tmp_path, "archive")
-    assert ours.exists(name)
-    assert ours.read(name) == b"0123456789"
-    theirs.sweep(JOB, set())
-    assert not ours.exists(name)
-
-
 def run(api: Api, job: str) -> Runner:
     runner = Runner(api.context.settings, api.context.store, api.context.artifacts)
     assert runner.accept(f"{job}.1")["kind"] == "wanted"
@@ -182,20 +166,6 @@ def test_a_store_that_fails_in_the_middle_of_a_job_costs_time_only(
     assert row is not None
     assert row["state"] == "succeeded"
     assert bench.artifacts.read(row["archive"]) == archive(row["photo_sha256"], 8)
-
-
-@pytest.mark.slow
-def test_a_photo_that_the_store_does_not_give_out_now_is_waited_for(
-    s3: S3, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It was a failed job: the fault of a library was taken for one of the photo."""
-    job = bench.add(seed=9)
-    s3.stop()
-    threading.Timer(2.0, s3.start).start()
-    assert bench.run(job) == "published"
-    row = bench.store.get(job)
-    assert row is not None
-    assert row["state"] == "succeeded"
 
 
 @pytest.mark.slow

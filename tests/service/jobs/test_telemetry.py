@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import logging
-import sys
 
 import pytest
 
 from service.jobs import telemetry
 from service.jobs.erasure import depart, forget
-from service.jobs.logs import calm
-from service.jobs.view import problem
 from tests.service.jobs.conftest import Bench
 
 RESULT = {"archive": "a", "sha256": "0" * 64, "bytes": 1, "warnings": [], "peak_rss_mb": 5.0}
@@ -32,36 +29,6 @@ def test_each_turn_is_one_line_that_names_job_and_tenant(bench: Bench, caplog: p
     end = vars(told[-1])
     assert (end["state"], end["code"]) == ("succeeded", None)
     assert end["took_s"] > 0 and end["waited_s"] >= 0 and end["stages_s"]
-
-
-@pytest.mark.parametrize(("status", "code", "level"), [(422, "no-face", logging.INFO), (500, "crashed", logging.ERROR)])
-def test_only_our_own_faults_are_errors(
-    bench: Bench, caplog: pytest.LogCaptureFixture, status: int, code: str, level: int
-) -> None:
-    caplog.set_level(logging.INFO)
-    job = bench.add()
-    bench.store.fail(job, problem(code, status, "x"), 1e10)
-    (end,) = [record for record in lines(caplog, job) if vars(record)["event"] == "ended"]
-    assert (vars(end)["code"], end.levelno) == (code, level)
-
-
-def test_a_cancelled_job_is_no_error(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.INFO)
-    job = bench.add()
-    bench.store.cancel(job, 1e10)
-    assert {record.levelno for record in lines(caplog, job)} == {logging.INFO}
-
-    class DBOSAwaitedWorkflowCancelledError(Exception):
-        pass
-
-    try:
-        raise DBOSAwaitedWorkflowCancelledError
-    except DBOSAwaitedWorkflowCancelledError:
-        facts = sys.exc_info()
-    record = logging.LogRecord("dbos", logging.ERROR, "x", 1, "Exception encountered", (), facts)
-    assert calm(record).levelno == logging.INFO
-    other = logging.LogRecord("service", logging.ERROR, "x", 1, "Exception encountered", (), facts)
-    assert calm(other) is other
 
 
 def test_ends_are_counted_by_code_and_outlive_the_jobs(bench: Bench) -> None:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import hashlib
 import hmac
 import json
-import socket
 import threading
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -140,40 +137,6 @@ def test_of_a_job_that_was_cancelled_or_erased_nobody_is_told(
     assert checkpoint(bench.engine)
     stored = b"".join(path.read_bytes() for path in bench.settings.data.glob("jobs.sqlite*"))
     assert b"/hook?x" not in stored
-
-
-class Dripping:
-    """A receiver that sends one byte of its answer every now and then, for ever."""
-
-    def __init__(self) -> None:
-        self.listener = socket.create_server(("127.0.0.1", 0))
-        self.port = self.listener.getsockname()[1]
-        self.taken = 0
-        threading.Thread(target=self._serve, daemon=True).start()
-
-    def _serve(self) -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                threading.Thread(target=self._drip, args=(self.listener.accept()[0],), daemon=True).start()
-
-    def _drip(self, line: socket.socket) -> None:
-        self.taken += 1
-        with contextlib.suppress(OSError), line:
-            line.sendall(b"HTTP/1.1 200 OK\r\n")
-            while True:
-                time.sleep(0.05)
-                line.sendall(b"X")
-
-
-@pytest.mark.parametrize("scheme", ["http", "https"])
-def test_an_attempt_has_a_deadline_however_slowly_bytes_come(monkeypatch: pytest.MonkeyPatch, scheme: str) -> None:
-    monkeypatch.setattr(webhooks, "DEADLINE_S", 0.5)
-    slow = Dripping()
-    begin = time.monotonic()
-    with pytest.raises(OSError):
-        webhooks.send(Target(scheme, "127.0.0.1", slow.port, "/"), "m", 0, b"{}", SECRET, private=True)
-    assert time.monotonic() - begin < 2
-    slow.listener.close()
 
 
 @pytest.mark.parametrize(

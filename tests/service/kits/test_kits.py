@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,16 +13,15 @@ import pytest
 from typer.testing import CliRunner
 
 from service.archive.avatar import drawn_parts
-from service.archive.manifest import from_json
 from service.archive.pack import write_archive
 from service.cli.app import app
 from service.errors import BadArchive, UsageError
 from service.kits import export as blender
 from service.kits.export import export_kit
-from service.kits.lod import levels_of_detail, reduced, subdivided_part, triangles
+from service.kits.lod import reduced, triangles
 from service.kits.source import materials_of, opened, read_parts
 from service.materials.material import OwnMap
-from service.materials.part import MeshPart, head_parts
+from service.materials.part import head_parts
 from tests.service.archive.test_meshes import Glb, validator_report
 from tests.service.archive.toys import toy_part, whole_avatar
 
@@ -38,16 +36,6 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def pixels(path: Path) -> npt.NDArray[np.uint8]:
     image = np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), np.uint8)
     return image if image.ndim == 2 else image[..., [2, 1, 0, *range(3, image.shape[2])]]
-
-
-def test_the_manifest_says_materials_parts_and_joints(archive: Path) -> None:
-    manifest = from_json(zipfile.ZipFile(archive).read("manifest.json"))
-    assert [part.name for part in manifest.parts][-1] == "toy_hair"
-    skin = next(material for material in manifest.materials if material.name == "skin")
-    assert skin.maps["normal"] == "maps/specular_normal.png" and skin.maps["roughness"] == "maps/roughness.png"
-    assert [joint.name for joint in manifest.joints] == ["neck", "head", "jaw", "eye_left", "eye_right"]
-    names = set(zipfile.ZipFile(archive).namelist())
-    assert all(path in names for material in manifest.materials for path in material.maps.values())
 
 
 def test_usd_and_manifest_are_read_back_as_the_parts(archive: Path) -> None:
@@ -80,19 +68,6 @@ def test_a_cut_usd_is_refused(archive: Path) -> None:
         read_parts(data[: len(data) // 2], source.manifest, materials_of(source))
 
 
-def test_subdivision_moves_blendshapes_along() -> None:
-    avatar = whole_avatar()
-    skin = head_parts(avatar.head, avatar.fit.neutral, avatar.fit.neutral)[0]
-    fine = subdivided_part(skin)
-    assert 3.5 < triangles(fine) / triangles(skin) < 4.5
-    moved = subdivided_part(_with(skin, skin.neutral + skin.targets["jawOpen"]))
-    np.testing.assert_allclose(moved.neutral, fine.neutral + fine.targets["jawOpen"], atol=1e-7)
-
-
-def _with(part: MeshPart, neutral: npt.NDArray[np.float32]) -> MeshPart:
-    return replace(part, neutral=neutral, vertices=neutral, targets={})
-
-
 def test_reduced_parts_keep_vertices_uv_and_blendshapes() -> None:
     avatar = whole_avatar()
     skin = head_parts(avatar.head, avatar.fit.neutral, avatar.fit.neutral)[0]
@@ -121,12 +96,6 @@ def test_reduced_cards_keep_the_normals_of_the_body_that_they_make_up() -> None:
     assert few.normals is not None and len(few.normals) == len(few.neutral) < len(points)
     away = few.neutral + np.array([0, 0, 0.1], np.float32)
     np.testing.assert_allclose(few.normals, away / np.linalg.norm(away, axis=1, keepdims=True), atol=1e-5)
-
-
-def test_levels_get_coarser() -> None:
-    avatar = whole_avatar()
-    counts = [sum(map(triangles, level)) for level in levels_of_detail(drawn_parts(avatar))]
-    assert len(counts) == 4 and counts == sorted(counts, reverse=True) and counts[-1] < 2100
 
 
 @pytest.mark.parametrize(("tool", "up"), [("unreal", False), ("unity", True), ("maya", True)])

@@ -9,7 +9,7 @@ import pytest
 
 from service.errors import UsageError
 from service.light.environment import spread_directions
-from service.light.plan import EFFECTS, LightPlan, plan, report
+from service.light.plan import plan
 from service.light.samples import AZIMUTHS, PLACES, RING_MM, SurfaceSamples
 from service.light.scene import Environment, PointLight, Response, Scene
 
@@ -45,11 +45,6 @@ def scene(*lights: PointLight, environment: Environment = EVEN) -> Scene:
 KEY = PointLight((0.6, 0.5, 1.0), (2.0, 2.0, 2.0))
 
 
-def test_without_lamps_nothing_of_lamps_is_planned() -> None:
-    made = plan(scene(), dome())
-    assert {d.effect for d in made.decisions} == set(EFFECTS) - {"shadows", "relief_shadows", "specular"}
-
-
 def test_in_the_dark_nothing_runs() -> None:
     made = plan(scene(dataclasses.replace(KEY, intensity=(0.0, 0.0, 0.0)), environment=Environment()), dome(), 0.0)
     assert not any(d.runs for d in made.decisions if d.effect != "scattering")
@@ -81,15 +76,6 @@ def test_what_hides_the_sky_calls_for_occlusion() -> None:
     hidden = {d.effect: d.bound for d in plan(scene(), dome(covered=1.0)).decisions}
     assert free["occlusion"] < 1.5
     assert hidden["occlusion"] > 5.0
-
-
-def test_plans_are_told() -> None:
-    assert "error at most" in report(plan(scene(KEY), dome()))
-
-
-def test_plans_of_other_scenes_are_noticed() -> None:
-    with pytest.raises(KeyError, match="light 3"):
-        LightPlan.everything(scene(KEY)).runs("shadows", 3)
 
 
 def test_what_cannot_be_planned_is_refused() -> None:

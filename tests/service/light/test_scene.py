@@ -16,7 +16,7 @@ from service.light.environment import (
     spread_directions,
 )
 from service.light.formulas import BAND_GAIN, estimate_light, gradient, sh_basis
-from service.light.scene import Environment, PointLight, Response, Scene, Softbox
+from service.light.scene import Environment, Scene
 
 RNG = np.random.default_rng(5)
 
@@ -73,19 +73,6 @@ def test_gradient_of_spherical_harmonics() -> None:
     np.testing.assert_allclose(gradient(n, BAND_GAIN * light), np.stack(numeric, 1), atol=1e-6)
 
 
-SCENE = Scene(
-    Environment(name="studio", rotation_deg=30.0, softboxes=(Softbox((0, 1, 1), (2, 2, 2)),)),
-    (PointLight((0.5, 0.2, 1.0), (1.0, 0.9, 0.8), 0.05),),
-    ((0.0, 0.0, 1.2), (0.5, 0.0, 1.0)),
-    Response(exposure=1.5, shoulder=0.2),
-)
-
-
-def test_json_comes_back() -> None:
-    assert Scene.from_json(SCENE.to_json()) == SCENE
-    assert Scene.from_json("{}") == Scene()
-
-
 @pytest.mark.parametrize(
     ("text", "named"),
     [
@@ -106,11 +93,6 @@ def test_json_comes_back() -> None:
 def test_bad_scenes_are_refused_by_name(text: str, named: str) -> None:
     with pytest.raises(UsageError, match=named):
         Scene.from_json(text)
-
-
-def test_unknown_environments_are_refused() -> None:
-    with pytest.raises(UsageError, match="studio"):
-        environment.radiance(Environment(name="nowhere"))
 
 
 def test_shipped_environments_are_finite_and_of_one_brightness() -> None:
@@ -139,12 +121,6 @@ def test_turning_takes_front_light_to_the_left() -> None:
     peak = np.unravel_index(int(turned[..., 0].argmax()), (16, 32))
     assert pixel_directions(16, 32)[peak] @ [1, 0, 0] > 0.95
     np.testing.assert_allclose(environment.turned(image, 360.0), image)
-
-
-def test_flux_keeps_all_light() -> None:
-    image = np.random.default_rng(0).uniform(0, 3, (64, 128, 3))
-    total = (image * pixel_solid_angles(64, 128)[..., None]).sum((0, 1))
-    np.testing.assert_allclose(flux_by_direction(image, 256).sum(0), total, rtol=1e-5)
 
 
 def test_spread_directions_integrate_a_cosine() -> None:
@@ -178,3 +154,14 @@ def test_a_sun_is_taken_out_with_its_light() -> None:
     np.testing.assert_allclose(sky, 0.5)
     assert environment.without_suns(np.full((64, 128, 3), 0.5))[1] == ()
     assert environment.without_suns(np.zeros((64, 128, 3)))[1] == ()
+
+
+def test_unknown_environments_are_refused() -> None:
+    with pytest.raises(UsageError, match="studio"):
+        environment.radiance(Environment(name="nowhere"))
+
+
+def test_flux_keeps_all_light() -> None:
+    image = np.random.default_rng(0).uniform(0, 3, (64, 128, 3))
+    total = (image * pixel_solid_angles(64, 128)[..., None]).sum((0, 1))
+    np.testing.assert_allclose(flux_by_direction(image, 256).sum(0), total, rtol=1e-5)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.materials.material import ChartMap, Material, OwnMap
-from service.materials.part import SKIN, check_parts, head_parts, material_of
+from service.materials.material import ChartMap, Material
+from service.materials.part import head_parts
 from tests.service.archive.toys import toy_head, toy_part
-
-PIXELS = np.zeros((4, 4, 3), np.uint8)
 
 
 @pytest.mark.parametrize(
@@ -30,19 +26,6 @@ def test_a_material_out_of_range_is_refused(wrong: dict[str, object], said: str)
         Material(**({"name": "m"} | wrong))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("pixels", [np.zeros((4, 4), np.float32), np.zeros((4, 4, 2), np.uint8), np.zeros(4, np.uint8)])
-def test_a_texture_of_another_kind_is_refused(pixels: np.ndarray) -> None:
-    with pytest.raises(NumericFault, match=r"\(h, w"):
-        OwnMap("t", pixels)
-
-
-def test_f0_is_that_of_the_index_of_refraction() -> None:
-    assert Material("m").f0 == pytest.approx(0.04)
-    assert Material("m", ior=1.33, specular=0.5).f0 == pytest.approx(0.5 * 0.0200, abs=1e-4)
-    assert SKIN.textured and SKIN.detailed and not material_of("lashes").textured
-    assert Material("m", colour_map=ChartMap("x"), normal_map=ChartMap("x")).maps == (ChartMap("x"),)
-
-
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
@@ -57,19 +40,6 @@ def test_f0_is_that_of_the_index_of_refraction() -> None:
 def test_a_part_that_does_not_fit_together_is_refused(wrong: dict[str, object], said: str) -> None:
     with pytest.raises(NumericFault, match=said):
         toy_part(**wrong)
-
-
-def test_names_are_unambiguous() -> None:
-    part = toy_part()
-    check_parts([part, replace(part, name="second")], ["skin"])
-    with pytest.raises(NumericFault, match="two parts"):
-        check_parts([part], ["toy_hair"])
-    other = replace(part, name="second", material=replace(part.material, roughness=0.9))
-    with pytest.raises(NumericFault, match="two materials"):
-        check_parts([part, other], [])
-    same_file = Material("another", colour_map=OwnMap("toy_hair", PIXELS))
-    with pytest.raises(NumericFault, match="two materials or two textures"):
-        check_parts([part, replace(part, name="second", material=same_file)], [])
 
 
 def test_the_heads_own_parts_are_the_head() -> None:

@@ -69,23 +69,6 @@ def test_four_inks(ink: tuple[int, int, int, int], ycck: bool) -> None:
     assert np.abs(photo.pixels.reshape(-1, 3) - expected).max() <= 3
 
 
-@pytest.mark.parametrize("gamma", [1.0, 1 / 1.8])
-def test_png_that_states_another_gamma(gamma: float) -> None:
-    grey = (np.arange(96 * 80).reshape(80, 96, 1) % 256).repeat(3, axis=-1)
-    gama = bad.chunk(b"gAMA", round(gamma * 100_000).to_bytes(4, "big"))
-    light = (grey / 255) ** (1 / gamma)
-    expected = 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    assert np.abs(read_photo(bad.png(grey, 2, before=gama)).pixels - expected).max() <= 0.51
-    assert np.array_equal(read_photo(bad.png(grey, 2, before=bad.chunk(b"sRGB", b"\0") + gama)).pixels, grey)
-
-
-@pytest.mark.parametrize("stated", [0, 45_455, 2**32 - 1])
-def test_gamma_of_srgb_or_nonsense_changes_nothing(stated: int) -> None:
-    picture = bad.picture()
-    gama = bad.chunk(b"gAMA", stated.to_bytes(4, "big"))
-    assert np.array_equal(read_photo(bad.png(picture, 2, before=gama)).pixels, picture)
-
-
 # 16 bits a sample
 
 
@@ -99,31 +82,6 @@ def test_16_bits_are_rounded_not_clipped_and_not_chopped(colour_type: int, chann
     photo = read_photo(bad.png(samples, colour_type, 16, interlaced=interlaced))
     expected = np.broadcast_to(np.floor(samples / 257 + 0.5), (80, 96, 3))
     assert np.array_equal(photo.pixels, expected)
-
-
-@pytest.mark.parametrize(("colour_type", "channels"), [(4, 2), (6, 4)])
-def test_16_bits_with_alpha(colour_type: int, channels: int) -> None:
-    samples = np.random.default_rng(4).integers(0, 65_536, (80, 96, channels))
-    photo = read_photo(bad.png(samples, colour_type, 16))
-    alpha = samples[..., -1:] / 65_535
-    expected = samples[..., :-1] / 257 * alpha + 128 * (1 - alpha)
-    assert np.abs(photo.pixels - expected).max() <= 1.5  # samples, alpha and result are each rounded
-    assert "transparent" in photo.warnings
-
-
-@pytest.mark.parametrize(("colour_type", "channels"), [(0, 1), (2, 3)])
-def test_16_bit_colour_key_is_compared_at_16_bits(colour_type: int, channels: int) -> None:
-    samples = np.full((80, 96, channels), 0x1234)
-    samples[:40] = 0x1235
-    key = bad.chunk(b"tRNS", b"\x12\x34" * channels)
-    photo = read_photo(bad.png(samples, colour_type, 16, before=key))
-    assert (photo.pixels[40:] == 128).all()
-    assert (photo.pixels[:40] == 0x12).all()
-
-
-def test_every_8_bit_sample_survives_as_16_bits() -> None:
-    ramp = (np.arange(96 * 80).reshape(80, 96, 1) % 256).repeat(3, axis=-1)
-    assert np.array_equal(read_photo(bad.png(ramp * 257, 2, 16)).pixels, ramp)
 
 
 PICTURE = bad.picture(400, 300)
@@ -170,14 +128,3 @@ COLOURED = {
 @pytest.mark.parametrize("name", [*LACKING, *COLOURED])
 def test_what_lacks_colour(name: str) -> None:
     assert lacks_colour((LACKING | COLOURED)[name]) == (name in LACKING)
-
-
-@pytest.mark.parametrize("shape", [(64, 64), (64, 384), (3000, 64), (1, 1)])
-def test_any_shape(shape: tuple[int, int]) -> None:
-    assert lacks_colour(np.full((*shape, 3), 90, np.uint8))
-
-
-def test_pixels_are_left_alone() -> None:
-    before = PICTURE.copy()
-    lacks_colour(PICTURE)
-    assert np.array_equal(before, PICTURE)

@@ -19,7 +19,7 @@ from service.reflectance.planes import Planes
 from service.reflectance.subject import GEOMETRY_SIZE, Subject
 from service.runtime.network_registry import CLUES, GEOMETRY, LIT, SHOWN
 from service.runtime.networks import Engine, has_bf16, open_network
-from service.runtime.sessions import has_openvino, model_table
+from service.runtime.sessions import has_openvino
 from tests.service.runtime.test_tiles import tiled, untiled
 
 Float = npt.NDArray[np.float32]
@@ -39,14 +39,6 @@ def like_maps(channels: tuple[str, ...], height: int, width: int) -> Float:
     return np.asarray(planes, np.float32)
 
 
-def test_all_networks_of_the_method_are_in_the_box() -> None:
-    """Without one of them ``avatarme make`` would leave out maps."""
-    wanted = {"zeta_body", "zeta_tail", "delta_context", *TRANSLATORS}
-    table = model_table()
-    assert wanted <= set(table)
-    assert all(table[name]["licence"] == "Apache-2.0" for name in wanted)
-
-
 SEAM = 2 / 255 / 10
 """Of values in [-1, 1]: a tenth of an 8-bit step, in noise as strong as it gets."""
 
@@ -59,17 +51,6 @@ def test_tiles_equal_the_whole(name: str) -> None:
         whole = untiled(network, maps)
         assert np.abs(tiled(network, maps, 128) - whole).max() <= SEAM
         assert np.abs(tiled(network, maps, 256) - whole).max() <= SEAM
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", TRANSLATORS)
-def test_tiles_equal_the_whole_at_the_sizes_in_use(name: str) -> None:
-    """256, 512, 768 and 1536 against untiled."""
-    with open_network(name, ENGINE) as network:
-        maps = like_maps(network.description.channels, 1100, 1700)
-        whole = untiled(network, maps)
-        for tile in (256, 512, 768, 1536):
-            assert np.abs(tiled(network, maps, tile) - whole).max() <= SEAM, tile
 
 
 def degrees_apart(one: Float, other: Float) -> Float:
@@ -125,13 +106,6 @@ def test_both_runtimes_agree(name: str) -> None:
         assert np.abs(untiled(network, maps) - exact).max() < 2e-3
 
 
-def test_enlargement_in_tiles_equals_the_whole() -> None:
-    """The tail of zeta, at its own halo."""
-    with open_network("zeta_tail", ENGINE) as network:
-        maps = like_maps(network.description.channels, 40, 56)
-        assert np.abs(tiled(network, maps, 16) - untiled(network, maps)).max() <= 1e-4
-
-
 @pytest.mark.parametrize("name", TRANSLATORS)
 @pytest.mark.parametrize("value", [-1.0, 1.0, 0.3])
 def test_black_white_and_constant_maps(name: str, value: float) -> None:
@@ -156,19 +130,6 @@ def test_a_constant_map_shows_no_checkerboard() -> None:
             maps[[i for i, channel in enumerate(what.channels) if channel.endswith("_z")]] = 0.8
             inside = network.run(maps)[:2, what.halo : -what.halo, what.halo : -what.halo]
         assert inside.std((1, 2)).max() < 5e-3, name
-
-
-def test_one_colour_stays_one_colour_under_even_light() -> None:
-    """delta on a constant texture with no light to remove leaves it about as it is, wherever it lies."""
-    with open_network("delta", ENGINE) as network:
-        what = network.description
-        planes = Planes((what.stride * 10, what.stride * 8))
-        constant = {"texture_r": 0.4, "texture_g": 0.1, "texture_b": -0.1, "normal_object_z": 1.0, "mask": 1.0}
-        for name in what.channels:
-            planes.add_full([name], np.full((1, planes.size[1], planes.size[0]), constant.get(name, 0.0), np.float32))
-        rows, columns = np.arange(planes.size[1]), np.arange(planes.size[0])
-        result = network.run(planes.read(what.channels)(rows, columns))
-    assert np.abs(result.mean((1, 2)) - [0.4, 0.1, -0.1]).max() < 0.25
 
 
 HEAD = load_head(None)
@@ -229,14 +190,6 @@ def test_a_beard_is_shown_and_inpainted_skin_and_the_shadow_of_a_cap_are_not() -
     assert clue(subject, LIT)[beard].max() == 0
     assert shown[beard & seen].min() > 0.5
     assert shown[~seen].max() == 0 and shown[forehead].max() == 0
-
-
-def test_eyes_teeth_and_all_outside_are_no_lit_skin() -> None:
-    """Whatever the texture stage says of their texels: training has no light there either."""
-    skin = Chart.build(HEAD, *GEOMETRY_SIZE).part == HEAD.part_names.index("skin")
-    for lit in (None, np.ones((64, 96), np.float32)):
-        found = clue(replace(Subject.of(HEAD, HEAD.mean), lit=lit), LIT)
-        assert not found[~skin].any() and found[skin].min() == 1
 
 
 def test_a_photo_without_lit_skin_counts_whole() -> None:

@@ -9,9 +9,6 @@ import pytest
 
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
-from service.materials.part import SKIN, material_of
-from service.options import Options
-from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.relief.displacement import encode_heights
 from service.reflectance.surface_maps import (
     FLOOR,
@@ -20,8 +17,6 @@ from service.reflectance.surface_maps import (
     cavity,
     flesh_mm,
     oil_of,
-    roughness,
-    surface_maps,
 )
 from tests.toyhead import CENTRE, sphere_head
 
@@ -39,12 +34,6 @@ def test_thickness_of_a_ball_is_its_diameter_and_of_a_plate_its_own() -> None:
     assert (flesh_mm(head, head.mean)[skin] == LARGEST_MM).all(), "a whole head is thick"
     others = np.setdiff1d(np.arange(len(head.mean)), skin)
     assert (found[others] == LARGEST_MM).all()
-
-
-def test_a_head_without_skin_is_thick() -> None:
-    head = sphere_head(8, 12)
-    bare = replace(head, triangle_part=np.ones_like(head.triangle_part))
-    assert (flesh_mm(bare, head.mean) == LARGEST_MM).all()
 
 
 def test_cavity_is_open_where_flat_or_raised_and_dark_in_pits() -> None:
@@ -66,18 +55,6 @@ def regioned() -> HeadModel:
     return replace(head, region_names=("forehead", "cheek_left"), regions=np.stack([up, down]).astype(np.float32))
 
 
-def test_roughness_by_region_and_part() -> None:
-    head = regioned()
-    chart = Chart.build(head, 192, 128)
-    drawn = roughness(chart, USUAL_OIL)
-    forehead = chart.interpolate(head.region("forehead"))[..., 0] > 0.95
-    cheek = chart.interpolate(head.region("cheek_left"))[..., 0] > 0.95
-    skin = chart.part == 0
-    assert drawn[forehead & skin].mean() < SKIN.roughness < drawn[cheek & skin].mean()
-    eye = chart.part == head.part_names.index("eye_left")
-    np.testing.assert_allclose(drawn[eye], material_of("eye_left").roughness, atol=1e-6)
-
-
 @pytest.mark.parametrize(("ratio", "oil"), [(1.0, 0.0), (1.15, 0.5), (1.6, 1.0)])
 def test_oil_is_how_much_more_specular_the_forehead_is(ratio: float, oil: float) -> None:
     head = regioned()
@@ -88,14 +65,7 @@ def test_oil_is_how_much_more_specular_the_forehead_is(ratio: float, oil: float)
     assert oil_of(chart, None) == oil_of(chart, np.zeros_like(specular)) == USUAL_OIL
 
 
-def test_what_is_made_is_what_was_asked_for() -> None:
+def test_a_head_without_skin_is_thick() -> None:
     head = sphere_head(8, 12)
-    assert surface_maps(head, head.mean, None, ("texture",), (96, 64)) is None
-    made = surface_maps(head, head.mean, None, ("cavity", "thickness"), (6144, 4096))
-    assert made is not None and made.roughness is None and made.cavity is None, "no displacement, no cavity"
-    assert made.thickness is not None and made.thickness.shape == (768, 1152)
-    assert (
-        ReflectancePlan.of(["cavity"]).stages[-1] == "displacement"
-        and ReflectancePlan.of(["roughness", "thickness"]).stages == ()
-    )
-    assert Options(maps=("thickness",), size=(192, 128)).plan().stages == ()
+    bare = replace(head, triangle_part=np.ones_like(head.triangle_part))
+    assert (flesh_mm(bare, head.mean) == LARGEST_MM).all()

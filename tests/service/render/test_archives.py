@@ -19,7 +19,7 @@ from service.archive.images import encode_png
 from service.archive.obj import read_obj
 from service.archive.pack import archive_members
 from service.archive.reading import described_parts, open_avatar, unpack_map
-from service.errors import BadArchive, BadMesh, UsageError
+from service.errors import BadArchive, BadMesh
 from service.head.model import HeadModel
 from tests.service.archive.toys import toy_avatar
 
@@ -69,12 +69,6 @@ def _order(avatar: Avatar, other: HeadModel) -> np.ndarray:
     return np.array([places[tuple(row)] for row in second.tolist()])
 
 
-def test_a_map_that_was_painted_over_and_packed_again_is_said_to_be_another() -> None:
-    painted = encode_png(np.zeros((64, 96, 3), np.uint8), srgb=True)
-    avatar = open_avatar(zipped(changed(maps__texture_DOT_png=painted), deflated=True), ("texture",))
-    assert avatar.maps["texture"].changed
-
-
 @pytest.mark.parametrize(
     ("files", "words"),
     [
@@ -96,13 +90,6 @@ def test_what_is_no_archive_of_ours_is_refused(files: Callable[[], Files], words
 def test_what_is_no_zip_is_refused(data: bytes) -> None:
     with pytest.raises(BadArchive):
         open_avatar(io.BytesIO(data), ("texture",))
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path: object) -> None:
-    from pathlib import Path
-
-    with pytest.raises(UsageError, match=r"nothing\.zip"):
-        open_avatar(Path("nothing.zip"), ())
 
 
 def test_a_bomb_is_not_unpacked() -> None:
@@ -198,19 +185,8 @@ def test_meshes_that_make_no_sense_are_refused_by_line(text: str, words: str) ->
         read_obj(text.encode())
 
 
-def test_bytes_that_are_no_text_are_no_mesh() -> None:
-    with pytest.raises(BadMesh, match="not text"):
-        read_obj(b"\xff\xfe\x00")
-
-
 def test_a_mesh_without_a_chart_cannot_carry_maps() -> None:
     with pytest.raises(BadMesh, match="texture coordinates"):
         read_obj((TRIANGLE + "f 1 2 3\n").encode()).as_head("x", "y")
     with pytest.raises(BadMesh, match=r"\[0, 1\]"):
         read_obj((TRIANGLE.replace("vt 1 0", "vt 2 0") + "f 1/1 2/2 3/3\n").encode()).as_head("x", "y")
-
-
-def test_indices_may_count_from_the_end() -> None:
-    mesh = read_obj((TRIANGLE + "f -3/-3 -2/-2 -1/-1\n").encode())
-    assert mesh.polygons.tolist() == [[0, 1, 2, -1]]
-    assert mesh.polygon_uv.tolist() == [[0, 1, 2, -1]]

@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import io
-import zipfile
 
 import cv2
 import numpy as np
-import pytest
 
 from service.archive.images import encode_png
-from service.archive.pack import archive_members
-from service.archive.reading import open_avatar, unpack_texture
+from service.archive.reading import unpack_texture
 from service.archive.rendering import smoothed
-from service.errors import BadArchive
-from service.head.files import load_head
 from service.light.scene import PointLight
 from service.materials.material import ChartMap, Material, OwnMap
 from service.materials.part import MeshPart
-from service.render.draw import DrawnHead, see, without_parts
+from service.render.draw import without_parts
 from service.render.render import NO_SHADOWS, render_head
 from service.render.request import RenderRequest
 from service.render.view import camera_at
-from tests.service.archive.toys import toy_avatar, toy_part
 from tests.service.render.toys import EVEN, HEAD, ROUGH, albedo, scene
 
 
@@ -91,35 +84,6 @@ def test_the_bust_lies_in_the_shadow_of_the_head() -> None:
     assert ((lit > 0.1) & (shadowed < 0.01)).sum() > 10
 
 
-def test_the_heads_own_eyes_teeth_and_tongue_are_drawn_as_parts() -> None:
-    head = load_head(None)
-    model = DrawnHead.of(head, head.mean)
-    assert {one.part.name for one in model.parts} == set(head.part_names) - {"skin", "lashes"}
-    camera = camera_at((0.0, 0.0, 1.2), head.mean, 192, 256)
-    seen = see(model, camera, 1.0, np.full((8, 12, 3), 0.5, np.float32))
-    eyes = [one for one in seen.parts if one.part.name.startswith("eye")]
-    assert len(eyes) == 2 and all(len(one.pixel) > 8 for one in eyes)
-    lids = np.sort(np.concatenate([one.pixel for one in eyes]))
-    assert not np.isin(lids, seen.index[seen.position_m[:, 2] > 0.02]).any(), "an eye lies behind the nose and brows"
-
-
-def test_parts_come_out_of_the_archive_as_they_went_in() -> None:
-    part = toy_part()
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        for name, data in archive_members(toy_avatar(parts=(part,))).items():
-            archive.writestr(name, data)
-    avatar = open_avatar(stream, ())
-    assert [stored.name for stored in avatar.parts] == [part.name]
-    read = avatar.parts[0]
-    np.testing.assert_allclose(np.sort(read.vertices, 0), np.sort(part.vertices, 0), atol=2e-6)
-    assert (read.material.alpha, read.material.cutoff, read.material.double_sided) == ("mask", 0.4, True)
-    picture, source = read.material.colour_map, part.material.colour_map
-    assert isinstance(picture, OwnMap) and isinstance(source, OwnMap)
-    assert np.array_equal(picture.pixels[..., 3], source.pixels[..., 3])
-    assert part.name not in avatar.mesh.part_names
-
-
 def test_colours_and_alpha_come_through_the_decode_gate() -> None:
     pixels = np.random.default_rng(4).integers(0, 256, (8, 12, 4), np.uint8)
     pixels[..., 3] = np.maximum(pixels[..., 3], 1)
@@ -129,14 +93,3 @@ def test_colours_and_alpha_come_through_the_decode_gate() -> None:
     assert np.abs(read[solid][:, :3].astype(int) - pixels[solid][:, :3]).max() <= 1
     opaque = unpack_texture(encode_png(pixels[..., :3], srgb=True), "toy")
     assert np.array_equal(opaque, pixels[..., :3])
-
-
-def test_a_texture_that_is_no_picture_is_refused() -> None:
-    with pytest.raises(BadArchive, match="toy"):
-        unpack_texture(b"no picture", "toy")
-
-
-def test_a_part_without_mesh_coordinates_of_its_own_is_still_drawn() -> None:
-    part = sheet(0.3, (255, 255, 255, 255))
-    plain = dataclasses.replace(part, material=Material("plain", (0.0, 0.5, 0.0)))
-    assert middle(plain)[1] > 3 * middle(plain)[0]

@@ -12,14 +12,11 @@ from service.light.environment import illumination
 from service.light.formulas import Graphs
 from service.light.plan import LightPlan
 from service.light.scene import Environment, PointLight, Scene
-from service.materials.material import Material, OwnMap
+from service.materials.material import Material
 from service.materials.part import MeshPart
-from service.render.draw import recess_of
 from service.render.recess import Arriving, Nodes, RecessLight, skin_around
-from service.render.render import render_head
-from service.render.request import RenderRequest
 from service.render.visibility import Occluders, VisibilityDetail
-from tests.service.render.toys import EVEN, HEAD, LAMP, ROUGH, albedo, scene
+from tests.service.render.toys import EVEN, LAMP, scene
 
 GRAPHS = Graphs(1)
 RADIUS_MM = 12.0
@@ -57,16 +54,6 @@ def lit(
     return found
 
 
-def test_a_ball_without_lids_receives_the_whole_sky() -> None:
-    """The depth maps' own steps must not shade a convex surface: half the sky is pi at radiance 1."""
-    turn = np.radians([-60, -30, 0, 30, 60])
-    normals = np.stack([np.sin(turn), 0 * turn, np.cos(turn)], 1).astype(np.float32)
-    found = lit(normals * np.float32(RADIUS_MM / 1000), normals, ball(RADIUS_MM))
-    np.testing.assert_allclose(found.irradiance, np.pi, rtol=0.03)
-    np.testing.assert_allclose(found.openness, 1.0, atol=0.03)
-    assert found.mirror.min() > 0.95
-
-
 def test_a_brow_hides_the_light_from_above() -> None:
     brow = np.concatenate([ball(RADIUS_MM), plate((-40, 8, 0), (40, 8, 30))])
     above, below = Environment(zenith=(1.0,) * 3), Environment(ground=(1.0,) * 3)
@@ -75,15 +62,6 @@ def test_a_brow_hides_the_light_from_above() -> None:
         free, under = (lit(POLE, FORWARD, what, scene(sky)).irradiance[0, 0] for what in (ball(RADIUS_MM), brow))
         shares.append(under / free)
     assert shares[0] < 0.35 and shares[1] > 0.97
-
-
-def test_the_upper_cornea_mirrors_the_lid_and_not_the_sky() -> None:
-    """Without it pupils are grey by a studio's sky."""
-    lid = np.concatenate([ball(RADIUS_MM), plate((-40, 10, 0), (40, 10, 60))])
-    tilt = np.radians([25.0, -25.0])  # these mirror what stands 50 degrees above and below
-    normals = np.stack([0 * tilt, np.sin(tilt), np.cos(tilt)], 1).astype(np.float32)
-    found = lit(normals * np.float32(RADIUS_MM / 1000), normals, lid)
-    assert found.mirror[0] < 0.1 and found.mirror[1] > 0.9
 
 
 def test_nothing_reaches_teeth_behind_closed_lips_and_all_is_finite() -> None:
@@ -100,13 +78,6 @@ def test_an_opening_lets_in_its_form_factor() -> None:
     for half in (30, 50, 70):
         found = lit(np.zeros((1, 3), np.float32), FORWARD, ball(25.0, hole_deg=half)).openness[0]
         assert abs(found - np.sin(np.radians(half)) ** 2) < 0.06
-
-
-def test_effects_that_the_plan_leaves_out_are_not_computed() -> None:
-    what = scene(EVEN, LAMP)
-    plan = LightPlan.everything(what).without("occlusion").without("shadows", 0)
-    found = lit(POLE, FORWARD, ball(25.0), what, plan)
-    assert found.openness[0] == found.mirror[0] == found.lamps[0, 0] == 1 and found.irradiance[0, 0] > np.pi * 0.99
 
 
 def test_a_lamp_is_hidden_as_the_sky_is() -> None:
@@ -127,42 +98,6 @@ def test_what_varies_slowly_is_interpolated_between_few_points(size: float) -> N
     assert nodes.weights.min() >= 0
 
 
-def test_no_skin_near_sends_no_light() -> None:
-    """A mean of nothing would be NaN."""
-    part = toy("eye_left_ball", 0.0)
-    assert not skin_around([part], np.ones((5, 3), np.float32), np.ones((5, 3), np.float32)).any()
-    assert not skin_around([part], np.ones((0, 3), np.float32), np.ones((0, 3), np.float32)).any()
-
-
-def test_which_recess() -> None:
-    assert recess_of("teeth_upper_gums") == recess_of("tongue_body") == "mouth"
-    assert recess_of("eye_left_cornea") == "eyes"
-    assert recess_of("hair") is None and recess_of("lash_cards") is None
-
-
-def toy(name: str, z: float, **material: Any) -> MeshPart:
-    """A square before the toy head."""
-    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32) * np.float32(0.03)
-    points = corners + np.array([0, 0, z], np.float32)
-    surface = Material(name, **{"colour": (0.0,) * 3, "ior": 1.376, "roughness": 0.03, **material})
-    uv = np.zeros((4, 2), np.float32)
-    return MeshPart(name, points, points, np.array([[0, 1, 2, 3]], np.int32), uv, surface)
-
-
-@pytest.mark.parametrize(("tilt_deg", "seen"), [(0.0, False), (25.0, True)])
-def test_a_part_mirrors_by_its_own_normal_map(tilt_deg: float, seen: bool) -> None:
-    """Bent to the right, an eye shows the lamp on the right that it does not show as it is."""
-    bent = np.radians(tilt_deg)
-    code = np.rint(128 + 127 * np.array([np.sin(bent), 0.0, np.cos(bent)])).astype(np.uint8)
-    relief = OwnMap("relief", np.broadcast_to(code, (4, 4, 3)).copy())
-    eye = toy("eye_left_ball", 0.3, normal_map=relief, roughness=0.1)
-    away = 0.8 * np.array([np.sin(np.radians(50.0)), 0.0, np.cos(np.radians(50.0))]) + np.array([0.0, 0.0, 0.3])
-    lamp = PointLight((float(away[0]), 0.0, float(away[2])), (1.0, 1.0, 1.0), 0.05)
-    request = RenderRequest(scene=scene(None, lamp), size=(48, 56), samples=1, tolerance=0.0)
-    light = render_head(HEAD, HEAD.mean, albedo(), request, threads=1, detail=ROUGH, parts=(eye,)).light[28, 24]
-    assert (light.max() > 0.03) == seen
-
-
 def test_flesh_sends_back_no_more_than_it_receives() -> None:
     """In a closed mouth light must not pile up, nor come from nowhere; in the open there is no flesh."""
     nothing, white, grey = (np.full(3, value, np.float32) for value in (0.0, 1.0, 0.5))
@@ -175,3 +110,26 @@ def test_flesh_sends_back_no_more_than_it_receives() -> None:
     dark = dataclasses.replace(found, irradiance=np.zeros((3, 3), np.float32))
     total, _ = dark.with_flesh(grey, white)
     assert not total[0].any() and not total[2].any() and (total[1] < 0.75).all()
+
+
+def test_no_skin_near_sends_no_light() -> None:
+    """A mean of nothing would be NaN."""
+    part = toy("eye_left_ball", 0.0)
+    assert not skin_around([part], np.ones((5, 3), np.float32), np.ones((5, 3), np.float32)).any()
+    assert not skin_around([part], np.ones((0, 3), np.float32), np.ones((0, 3), np.float32)).any()
+
+
+def toy(name: str, z: float, **material: Any) -> MeshPart:
+    """A square before the toy head."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32) * np.float32(0.03)
+    points = corners + np.array([0, 0, z], np.float32)
+    surface = Material(name, **{"colour": (0.0,) * 3, "ior": 1.376, "roughness": 0.03, **material})
+    uv = np.zeros((4, 2), np.float32)
+    return MeshPart(name, points, points, np.array([[0, 1, 2, 3]], np.int32), uv, surface)
+
+
+def test_effects_that_the_plan_leaves_out_are_not_computed() -> None:
+    what = scene(EVEN, LAMP)
+    plan = LightPlan.everything(what).without("occlusion").without("shadows", 0)
+    found = lit(POLE, FORWARD, ball(25.0), what, plan)
+    assert found.openness[0] == found.mirror[0] == found.lamps[0, 0] == 1 and found.irradiance[0, 0] > np.pi * 0.99

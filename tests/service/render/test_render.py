@@ -13,7 +13,6 @@ from service.archive.rendering import MOST_POLYGONS, smoothed
 from service.errors import BadArchive, UsageError
 from service.light.scene import Environment, PointLight, Softbox
 from service.render.render import NO_RELIEF, RenderedPicture
-from service.render.request import RenderRequest
 from tests.service.render.toys import EVEN, HEAD, LAMP, albedo, flat_normals, scene, stored, toy_picture
 from tests.toyhead import CENTRE, RADIUS
 
@@ -26,29 +25,12 @@ def usual() -> RenderedPicture:
     return toy_picture(scene(SKY, LAMP), tolerance=0.0)
 
 
-def test_a_black_scene_is_black() -> None:
-    picture = toy_picture(scene())
-    assert picture.covered.max() == 1.0
-    assert not picture.light.any()
-    assert not picture.pixels.any()
-
-
-def test_the_same_again_is_the_same_bytes() -> None:
-    assert (toy_picture(scene(SKY, LAMP), tolerance=0.0).pixels == usual().pixels).all()
-
-
 def test_twice_the_light_is_twice_the_radiance() -> None:
     red, green, blue = LAMP.intensity
     brighter = dataclasses.replace(LAMP, intensity=(2.0 * red, 2.0 * green, 2.0 * blue))
     double = toy_picture(scene(dataclasses.replace(SKY, strength=2.0), brighter), tolerance=0.0)
     assert usual().light.max() > 0.1
     np.testing.assert_allclose(double.light, 2.0 * usual().light, rtol=1e-3, atol=1e-5)
-
-
-def test_light_of_two_scenes_adds_up() -> None:
-    sky, lamp = (toy_picture(each, tolerance=0.0).light for each in (scene(SKY), scene(None, LAMP)))
-    apart = ~np.isclose(sky + lamp, usual().light, rtol=2e-3, atol=1e-4).all(2)
-    assert apart.sum() < 0.05 * (usual().covered > 0).sum(), "but for flesh around eyes and teeth under a lamp alone"
 
 
 @pytest.mark.parametrize("code", [0, 255])
@@ -127,19 +109,6 @@ def test_the_skin_is_drawn_smooth_and_other_parts_keep_their_size() -> None:
     assert smoothed(huge, HEAD.mean)[0] is huge
 
 
-def test_views_go_around_the_head() -> None:
-    front = toy_picture(scene(EVEN), view="front").camera.centre
-    left = toy_picture(scene(EVEN), view="left").camera.centre
-    assert front[2] == pytest.approx(1.2)
-    assert left[0] == pytest.approx(1.2)
-    np.testing.assert_allclose(toy_picture(scene(EVEN), view="-90").camera.centre, left * [-1, 1, 1], atol=1e-9)
-
-
-def test_a_camera_straight_above_sees_the_head() -> None:
-    above = dataclasses.replace(scene(EVEN), viewpoints=((0.0, 1.2, -0.08),))
-    assert toy_picture(above).covered.mean() > 0.3
-
-
 def test_a_plan_leaves_out_what_costs_little_and_keeps_its_word() -> None:
     made = toy_picture(scene(SKY, LAMP), tolerance=1.0)
     left_out = [d for d in made.plan.decisions if not d.runs]
@@ -147,15 +116,6 @@ def test_a_plan_leaves_out_what_costs_little_and_keeps_its_word() -> None:
     difference = np.abs(made.pixels.astype(float) - usual().pixels.astype(float))
     assert difference[usual().covered > 0].mean() <= made.plan.bound + 0.1
     assert set(made.facts()["effects"]) < set(usual().facts()["effects"]) | {"x"}
-
-
-def test_the_exposure_is_chosen_from_the_skin() -> None:
-    """Whatever the strength of the light, the picture is as bright."""
-    weak, strong = (
-        toy_picture(scene(dataclasses.replace(SKY, strength=s), exposure=None), tolerance=0.0) for s in (0.01, 50.0)
-    )
-    assert np.abs(weak.pixels.astype(int) - strong.pixels.astype(int)).max() <= 1
-    assert 120 < np.quantile(weak.pixels[weak.covered > 0], 0.8) < 240
 
 
 def test_tiles_of_scattering_are_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,15 +131,6 @@ def test_tiles_of_scattering_are_the_whole(monkeypatch: pytest.MonkeyPatch) -> N
     assert whole.plan.runs("scattering")
     assert whole.chart[0] > 64
     np.testing.assert_allclose(tiled.light, whole.light, atol=2e-3 * whole.light.max())
-
-
-def test_backgrounds() -> None:
-    clear = toy_picture(scene(EVEN), background="transparent").pixels
-    assert clear.shape[2] == 4
-    assert clear[0, 0, 3] == 0 and clear[28, 24, 3] == 255
-    sky = toy_picture(scene(EVEN), background="environment").pixels
-    assert (sky[0, 0] == 255).all()
-    assert not usual().pixels[0, 0].any()
 
 
 def test_what_is_missing_is_said_or_refused() -> None:
@@ -217,11 +168,18 @@ def test_a_viewpoint_in_the_head_is_refused() -> None:
         toy_picture(dataclasses.replace(scene(EVEN), viewpoints=((0.0, 0.0, 0.0),)))
 
 
-def test_an_unknown_environment_is_refused_with_those_that_there_are() -> None:
-    with pytest.raises(UsageError, match="apartment"):
-        toy_picture(scene(Environment(name="nowhere")))
+def test_views_go_around_the_head() -> None:
+    front = toy_picture(scene(EVEN), view="front").camera.centre
+    left = toy_picture(scene(EVEN), view="left").camera.centre
+    assert front[2] == pytest.approx(1.2)
+    assert left[0] == pytest.approx(1.2)
+    np.testing.assert_allclose(toy_picture(scene(EVEN), view="-90").camera.centre, left * [-1, 1, 1], atol=1e-9)
 
 
-def test_the_default_request_is_a_portrait() -> None:
-    assert RenderRequest().size == (768, 1024)
-    assert RenderRequest().scene.environment.name == "studio"
+def test_backgrounds() -> None:
+    clear = toy_picture(scene(EVEN), background="transparent").pixels
+    assert clear.shape[2] == 4
+    assert clear[0, 0, 3] == 0 and clear[28, 24, 3] == 255
+    sky = toy_picture(scene(EVEN), background="environment").pixels
+    assert (sky[0, 0] == 255).all()
+    assert not usual().pixels[0, 0].any()

@@ -42,13 +42,6 @@ def test_only_the_latest_are_kept_and_none_where_none_are_wanted(cache: Path, mo
     assert compiled_networks.place("psi", b"", "1", {}) is None
 
 
-def test_a_folder_that_cannot_be_written_does_no_harm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv(compiled_networks.VARIABLE, str(tmp_path / "file"))
-    compiled_networks.write(compiled_networks.place("psi", b"", "1", {}), b"x")
-    assert compiled_networks.kept() == (0, 0.0)
-
-
 @pytest.mark.skipif(not has_openvino(), reason="OpenVINO is not installed")
 def test_a_network_that_was_kept_gives_the_same_values(cache: Path) -> None:
     engine = choose_engine("openvino")

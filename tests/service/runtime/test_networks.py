@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import platform
-import shutil
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -44,14 +41,6 @@ def engine(folder: Path) -> Engine:
     return Engine(threads=1, folder=folder)
 
 
-def test_the_description_is_that_of_the_file(folder: Path) -> None:
-    expected = Description("one", ("a",), ("x",), stride=2, halo=16)
-    assert describe_network("one", folder) == expected
-    for runtime in RUNTIMES_HERE:
-        with open_network("one", Engine(runtime, threads=1, folder=folder)) as network:
-            assert network.description == expected
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -63,12 +52,6 @@ def test_a_bad_description_is_a_model_fault_that_names_the_model(change: dict[st
     content = {key: value for key, value in (GOOD | change).items() if value is not ...}
     with pytest.raises(ModelFault, match="model n"):
         Description.parse(json.dumps(content), "n")
-
-
-@pytest.mark.parametrize("text", ["", "[]", "3", "{", '{"whole": "wide"}'])
-def test_text_that_is_no_description(text: str) -> None:
-    with pytest.raises(ModelFault, match="model n"):
-        Description.parse(text, "n")
 
 
 def test_a_network_without_description_is_refused(tmp_path: Path) -> None:
@@ -87,13 +70,6 @@ def test_a_flipped_bit_is_refused_by_hash(folder: Path) -> None:
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    with pytest.raises(ModelFault, match=r"one\.onnx: sha256"), open_network("one", engine(folder)):
-        pass
-
-
-def test_swapped_files_are_refused_by_hash(folder: Path) -> None:
-    """Two networks of the same shape: only the hash can tell them apart."""
-    shutil.copy(folder / "two.onnx", folder / "one.onnx")
     with pytest.raises(ModelFault, match=r"one\.onnx: sha256"), open_network("one", engine(folder)):
         pass
 
@@ -126,13 +102,6 @@ def test_what_is_not_finite_stops_at_the_door(tmp_path: Path) -> None:
         maps[0, 1, 1] = np.inf
         with pytest.raises(NumericFault, match="input a has 1 of 16"):
             network.run(maps)
-
-
-def test_the_weights_are_released_at_the_end(folder: Path) -> None:
-    with open_network("one", engine(folder)) as network:
-        pass
-    with pytest.raises(ModelFault, match="failed"):
-        network.run(np.zeros((1, 8, 8), np.float32))
 
 
 @pytest.fixture
@@ -174,19 +143,6 @@ def test_auto_takes_for_each_network_what_was_measured_to_be_faster(
     )
 
 
-def test_bf16_is_taken_only_where_it_is_faster(machine: Callable[..., None]) -> None:
-    """Intel's AVX-512 BF16 without AMX takes longer than float32; who names the precision gets it."""
-    machine("avx512f", "avx512_bf16", model="Intel(R) Xeon(R) Processor")
-    assert choose_engine("auto").told(["rho"]) == {"rho": "openvino fp32"}
-    assert choose_engine("auto", precision="bf16").precision == "bf16"
-    machine("avx512f", "avx512_bf16", model="Intel(R) Xeon(R) Processor", openvino=False)
-    assert not networks.lacks_openvino(), "no processor that OpenVINO would make several times faster"
-    machine("avx512f", "avx512_bf16", "amx_bf16", model="Intel(R) Xeon(R) Processor")
-    assert choose_engine("auto").precision == "bf16"
-    machine("avx512f", "avx512_bf16", model="AMD EPYC 9R14")
-    assert choose_engine("auto").precision == "bf16"
-
-
 def test_what_is_asked_for_is_taken_or_refused(machine: Callable[..., None]) -> None:
     """No silent way out: a runtime or precision that cannot be had is an error."""
     machine("avx2")
@@ -199,29 +155,6 @@ def test_what_is_asked_for_is_taken_or_refused(machine: Callable[..., None]) -> 
         choose_engine("openvino")
     with pytest.raises(UsageError, match="bf16"):
         choose_engine(precision="bf16")
-
-
-def test_a_network_runs_on_what_it_is_an_exception_for(folder: Path) -> None:
-    pytest.importorskip("openvino")
-    mixed = Engine(threads=1, folder=folder, exceptions=frozenset({"two"}))
-    for name, runtime in (("one", "onnxruntime"), ("two", "openvino")):
-        with open_network(name, mixed) as network:
-            assert network.engine == Engine(runtime, threads=1, folder=folder)  # type: ignore[arg-type]
-            assert np.isfinite(network.run(np.zeros((1, 8, 8), np.float32))).all()
-
-
-@pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="OpenVINO is not installed there")
-def test_openvino_is_installed_where_it_belongs() -> None:
-    """Without it every test of it would be skipped, and nobody would notice."""
-    assert has_openvino(), "pyproject.toml has it: make setup"
-
-
-def test_unknown_names_are_refused() -> None:
-    with pytest.raises(UsageError, match="'coreml'"):
-        choose_engine("coreml")
-    with pytest.raises(UsageError, match="'int4'"):
-        choose_engine(precision="int4")
-    assert choose_engine().threads >= 1
 
 
 def test_openvino_computes_the_same(folder: Path) -> None:

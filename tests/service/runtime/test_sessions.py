@@ -17,12 +17,9 @@ from service.errors import ModelFault, NumericFault
 from service.runtime import sessions as memory
 from service.runtime.sessions import (
     MODELS,
-    checked_bytes,
     has_openvino,
-    lacked_memory,
     load_session,
     model_table,
-    prompt_release,
 )
 
 
@@ -31,13 +28,6 @@ def copied(tmp_path: Path) -> Path:
     for name in ("models.json", "face_mesh.onnx"):
         shutil.copy(MODELS / name, tmp_path / name)
     return tmp_path
-
-
-def test_every_listed_file_is_there_and_unchanged() -> None:
-    for name, entry in model_table().items():
-        assert len(checked_bytes(name)) == entry["bytes"]
-        assert entry["licence"]
-        assert entry["source"]
 
 
 def test_every_network_runs_on_its_stated_input() -> None:
@@ -78,16 +68,6 @@ def test_a_listed_file_that_is_no_network_is_refused(copied: Path) -> None:
     (copied / "models.json").write_text(json.dumps({"models": [entry]}))
     with pytest.raises(ModelFault, match="cannot load"):
         load_session("face_mesh", folder=copied)
-
-
-def test_an_unknown_name_tells_what_there_is() -> None:
-    with pytest.raises(ModelFault, match="face_detector"):
-        load_session("nothing")
-
-
-def test_threads_must_be_positive() -> None:
-    with pytest.raises(ValueError, match="threads"):
-        load_session("face_mesh", threads=0)
 
 
 def test_nan_does_not_go_in() -> None:
@@ -140,22 +120,6 @@ def test_freed_blocks_go_back_at_once_or_when_told() -> None:
     assert max(kept["prompt"], kept["later"]) < 16 << 20 < kept["plain"]
 
 
-def test_other_c_libraries_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.platform", "darwin")
-    memory._glibc.cache_clear()
-    try:
-        with prompt_release():
-            assert memory._glibc() is None
-            memory.release()
-    finally:
-        memory._glibc.cache_clear()
-
-
-def test_an_error_within_passes_through() -> None:
-    with pytest.raises(ZeroDivisionError), prompt_release():
-        _ = 1 / 0
-
-
 STARVED = """
 import resource, sys
 import cv2
@@ -194,11 +158,6 @@ def test_a_library_without_memory_is_known_by_what_it_says(library: str) -> None
         pytest.importorskip("openvino")
     done = subprocess.run([sys.executable, "-c", STARVED, library], capture_output=True, text=True, check=True)
     assert done.stdout.split()[-1:] == ["told"], done.stdout
-
-
-@pytest.mark.parametrize("error", [ValueError("bad input"), OSError(12, "x"), RuntimeError("")])
-def test_other_faults_are_none_of_memory(error: Exception) -> None:
-    assert not lacked_memory(error)
 
 
 ROOT = Path(__file__).parents[3]

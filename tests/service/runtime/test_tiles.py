@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.errors import ModelFault, NumericFault
+from service.errors import NumericFault
 from service.runtime.networks import Engine, Network, RuntimeName, open_network
-from service.runtime.tiles import Tile, reflected, run_tiles, run_whole, tiles
+from service.runtime.tiles import Tile, run_tiles, tiles
 from tests.service.runtime.toynets import toy_net, write_models
 
 Float = npt.NDArray[np.float32]
@@ -79,25 +79,6 @@ def test_a_halo_shorter_than_the_reach_would_show(folder: Path) -> None:
         assert np.abs(tiled(network, maps, 16) - tiled(network, maps, 64)).max() > 1e-3
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 7), (3, 2)])
-def test_maps_smaller_than_the_halo(plain: Network, size: tuple[int, int]) -> None:
-    maps = image(*size)
-    np.testing.assert_allclose(tiled(plain, maps, 4), tiled(plain, maps, 64), atol=1e-5)
-    assert np.abs(tiled(plain, maps, 4)).max() <= 1
-
-
-@pytest.mark.parametrize(
-    ("width", "height", "tile", "stride"), [(6144, 4096, 1024, 8), (579, 386, 100, 8), (5, 3, 1, 4)]
-)
-def test_tiles_cover_the_map_once_and_start_on_the_stride(width: int, height: int, tile: int, stride: int) -> None:
-    count = np.zeros((height, width), np.uint8)
-    for one in tiles(width, height, tile, stride):
-        assert one.top % stride == one.left % stride == 0
-        assert max(one.bottom - one.top, one.right - one.left) <= tile + stride - 1
-        count[one.scaled(1)] += 1
-    assert (count == 1).all()
-
-
 def test_tiles_lie_around_marks_alone(plain: Network) -> None:
     """Where a mark is, or the texel beside it that interpolation reaches, the result is the whole's; far away none."""
     maps, where = image(64, 96), np.zeros((8, 12), bool)
@@ -127,20 +108,6 @@ def test_tiles_computed_at_once_are_those_computed_alone(folder: Path, runtime: 
         assert network.lanes == 1
 
 
-def test_reflection_is_numpy_s() -> None:
-    line = np.arange(7)
-    np.testing.assert_array_equal(reflected(7, -20, 30), np.pad(line, (20, 23), "reflect"))
-    np.testing.assert_array_equal(reflected(1, -3, 4), np.zeros(7))
-    np.testing.assert_array_equal(reflected(2, -2, 4), [0, 1, 0, 1, 0, 1])
-
-
-def test_progress_ends_at_one_and_never_falls(plain: Network) -> None:
-    told: list[float] = []
-    maps = image(40, 40)
-    run_tiles(plain, lambda r, c: maps[:, r][:, :, c], (40, 40), lambda t, x: None, tile=16, progress=told.append)
-    assert told == sorted(told) and len(told) == 9 and told[-1] == 1
-
-
 def test_nan_in_one_tile_is_named_by_channel(plain: Network) -> None:
     maps = image(40, 40)
     maps[1, 30, 30] = np.nan
@@ -156,20 +123,6 @@ def test_a_failing_reader_is_heard(plain: Network) -> None:
 
     with pytest.raises(KeyError, match="no such channel"):
         run_tiles(plain, read, (40, 40), lambda t, x: None)
-
-
-def test_whole_networks_are_not_cut(folder: Path) -> None:
-    with open_network("whole", Engine(threads=1, folder=folder)) as network:
-        with pytest.raises(ModelFault, match="cannot run in tiles"):
-            tiled(network, image(16, 24), 8)
-        with pytest.raises(ModelFault, match=r"\(24, 16\)"):
-            run_whole(network, image(24, 16))
-        assert run_whole(network, image(16, 24)).shape == (1, 16, 24)
-
-
-def test_a_tile_of_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="0"):
-        tiles(10, 10, 0, 1)
 
 
 def test_a_failing_writer_is_heard(plain: Network) -> None:

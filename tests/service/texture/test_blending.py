@@ -17,7 +17,6 @@ from tests.toyhead import sphere_head
 
 HEAD = sphere_head(40, 60)
 CHART = Chart.build(HEAD, 288, 192)
-POINTS = CHART.interpolate(HEAD.mean).astype(float)
 SKIN_MASK = CHART.part == 0
 Paint = Callable[[np.ndarray], np.ndarray]
 
@@ -36,22 +35,6 @@ def textured(*photos: tuple[View, Fit]) -> Texture:
 def dimmed(paint: Paint, share: float) -> Paint:
     """The same in other light: factors of linear values, about."""
     return lambda points: np.asarray(paint(points)) * share ** (1 / 2.2) * np.array([1.0, 0.97, 0.9])
-
-
-def test_one_photo_is_as_if_there_were_no_others() -> None:
-    view, fit = seen(0, checks)
-    alone = make_texture(view.photo, HEAD, fit, CHART, view.reading)
-    assert not textured((view, fit)).photos and (textured((view, fit)).texture == alone.texture).all()
-
-
-def test_more_sides_are_seen_and_keep_their_pattern() -> None:
-    first = textured(seen(0, checks))
-    whole = textured(seen(0, checks), seen(-60, checks), seen(60, checks))
-    share = [float((one.confidence[SKIN_MASK] >= SEEN).mean()) for one in (first, whole)]
-    assert share[1] > 1.5 * share[0]
-    where = SKIN_MASK & (whole.confidence >= 220)
-    error = np.abs(whole.texture[where] / 255 - checks(POINTS.reshape(-1, 3)).reshape(POINTS.shape)[where]).max(-1)
-    assert np.median(error) < 0.015
 
 
 def test_another_exposure_and_white_balance_are_brought_to_the_first_photo() -> None:

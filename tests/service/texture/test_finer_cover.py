@@ -51,15 +51,6 @@ def test_a_lock_is_followed_beyond_what_was_read() -> None:
     assert cover[cheek].mean() < 0.02
 
 
-def test_skin_in_shade_is_no_hair() -> None:
-    """It has the skin's hue, hair has not."""
-    hairy = ROW < 60
-    shade = (ROW >= 60) & (ROW < 90) & (COLUMN < 288)
-    colour = np.where(hairy[:, None], HAIR_TONE, TONE * np.where(shade, 0.85, 1.0)[:, None]).astype(np.float32)
-    cover = finer_cover(CHART, seen(colour), parts(**{f"p{HAIR}": 0.95 * hairy}), ZONES)
-    assert cover[shade & ZONES.skin & (ROW > 64)].mean() < 0.1
-
-
 def test_rims_are_found_where_glasses_are_worn() -> None:
     rim = (np.abs(ROW - 172) < 2) & (np.abs(COLUMN - 288) < 80)
     around = (np.abs(ROW - 165) < 25) & (np.abs(COLUMN - 288) < 90)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.anatomy.eyes import lid_shade, on_eyeball, paint_eye, sight_angle
+from service.anatomy.eyes import on_eyeball, paint_eye, sight_angle
 from service.anatomy.mouth import TONGUE
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.features.eye_colours import IRIS, SCLERA
 from service.face.features.mouth import TOOTH
 from service.geometry.chart import Chart
 from service.texture.part_colours import LightOnParts
-from service.texture.texture import depth_map, shape_normals
+from service.texture.texture import shape_normals
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(24, 48)
@@ -28,13 +28,6 @@ def test_eye_is_painted_from_pupil_to_sclera() -> None:
     assert (colour[angle < 0.8 * pupil].max(1) < 0.15).all()
     pale = (angle > 1.2 * limbus) & (angle < 1.6 * limbus)
     assert np.abs(colour[pale] - linear_to_srgb(SCLERA)).max() < 0.05
-
-
-def test_lids_shade_the_eye_from_above() -> None:
-    ball, point = on_eyeball(CHART, HEAD.part_names.index("eye_left"))
-    shade = lid_shade(ball, point)[:, 0]
-    front = (np.abs(point[:, 0] - 0.031) < 0.004) & (point[:, 2] > 0.005)
-    assert shade[front & (point[:, 1] > 0.004)].max() < shade[front & (np.abs(point[:, 1]) < 0.001)].min()
 
 
 def test_light_of_the_parts_is_that_of_the_sclera() -> None:
@@ -76,10 +69,3 @@ def test_a_nose_shows_in_the_tangent_map_and_a_plain_sphere_does_not() -> None:
     right = middle & (column > 96) & (column < 108)
     assert nose[middle][:, 2].min() < 0.95
     assert nose[right][:, 0].max() > 0.2  # its left flank (u to the right) turns towards +u
-
-
-def test_depth_is_head_space_z_and_continues_outside() -> None:
-    depth = depth_map(CHART, HEAD.mean)
-    assert depth[CHART.part == 0].max() == pytest.approx(0.01, abs=5e-4)
-    assert np.isfinite(depth).all()
-    assert depth[50, 0] < -0.15

@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 
 from service.arrays import Float32, UInt8
-from service.geometry.camera import Camera
 from service.geometry.chart import Chart
 from service.photo.photo import Photo
-from service.texture import photo_sampling
 from service.texture.photo_detail import OwnDetail, own_texture_of
-from service.texture.photo_sampling import Reader, joined_octaves, split_octaves
 from service.texture.sharpness import LEAST_BLUR, UNKNOWN_BLUR, Sharpness, measure_sharpness
 from service.texture.texture import Texture, make_texture
 from tests.service.texture.scenes import SKIN, Array, bare, fitted, photograph, plain, turned
@@ -74,24 +71,6 @@ def test_what_the_photo_does_not_show_stays_to_the_bit(scene: tuple[Photo, Textu
     assert (before[hidden] == after[hidden]).all()
 
 
-def test_low_frequencies_stay(scene: tuple[Photo, Texture, OwnDetail]) -> None:
-    _, texture, own = scene
-    before, after = enlarged(texture), enlarged(texture)
-    own.onto(after)
-    low = [cv2.resize(codes, (72, 48), interpolation=cv2.INTER_AREA).astype(float) / 257 for codes in (before, after)]
-    assert np.abs(low[0] - low[1]).max() < 1.5
-
-
-def test_strips_do_not_show(scene: tuple[Photo, Texture, OwnDetail], monkeypatch: pytest.MonkeyPatch) -> None:
-    _, texture, own = scene
-    whole, cut = enlarged(texture), enlarged(texture)
-    monkeypatch.setattr(photo_sampling, "STRIP", 4096)
-    own.onto(whole)
-    monkeypatch.setattr(photo_sampling, "STRIP", 128)
-    own.onto(cut)
-    assert np.abs(whole.astype(int) - cut).max() <= 65535 / 2000
-
-
 def test_a_photo_that_shows_no_head_changes_nothing() -> None:
     camera = turned(0)
     away = type(camera)(400, 400, camera.focal_px, np.array([9000.0, 200.0]), camera.rotation, camera.translation)
@@ -117,34 +96,6 @@ def test_the_texture_is_as_large_as_the_photo_holds(scene: tuple[Photo, Texture,
     fit = fitted(HEAD, turned(0, 150))
     coarse = make_texture(small, HEAD, fit, CHART)
     assert OwnDetail.of(small, HEAD, fit, coarse).texture_size() == (576, 384)
-
-
-@pytest.mark.parametrize("size", [(1536, 1024), (1203, 802), (288, 192)])
-def test_a_texture_has_the_size_that_was_asked_for(
-    scene: tuple[Photo, Texture, OwnDetail], size: tuple[int, int]
-) -> None:
-    _, texture, own = scene
-    made = own_texture_of(texture, own, size)
-    assert made is not None
-    assert made.shape == (size[1], size[0], 3)
-    error = np.abs(made / 255 - truth(size))[seen_by(own, size)].mean()
-    assert error < (0.02 if size[0] > 576 else 0.03)
-
-
-def test_a_photo_with_much_around_the_head_is_read_alike_and_is_not_halved_as_a_whole(
-    scene: tuple[Photo, Texture, OwnDetail],
-) -> None:
-    photo, _, own = scene
-    wide = replace(photo, pixels=np.pad(photo.pixels, ((2048, 512), (1024, 3072), (0, 0)), "edge"))
-    moved = replace(own.places, pixel=own.places.pixel + np.array([1024, 2048], np.float32))
-    size = (288, 192)  # three levels
-    plain_reader, wide_reader = Reader.of(photo, own.places, size), Reader.of(wide, moved, size)
-    assert len(wide_reader.levels) == len(plain_reader.levels) >= 3
-    assert wide_reader.levels[0].size < 2 * photo.pixels.size
-    inside = seen_by(own, size)
-    different = np.abs(plain_reader.rows(0, size[1]) - wide_reader.rows(0, size[1]))[inside]
-    assert float(different.max()) < 0.01  # positions of some thousand pixels are rounded
-    assert float(different.mean()) < 1e-4
 
 
 SHARP, FIT = photograph(HEAD, turned(0, 1000), spots), fitted(HEAD, turned(0, 1000))
@@ -183,11 +134,6 @@ def moire(image: Float32) -> Float32:
     return np.asarray(image + 5 * np.cos(2 * np.pi * (x + 0.3 * y) / 2.3)[..., None], np.float32)
 
 
-def halos(image: Float32) -> Float32:
-    """Sharpened by an unsharp mask."""
-    return np.asarray(image + 1.2 * (image - cv2.GaussianBlur(image, (0, 0), 1.5)), np.float32)
-
-
 def softened(image: Float32) -> Float32:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), 6))
 
@@ -211,39 +157,6 @@ def test_a_worse_photo_tells_less_and_the_map_is_not_worse_for_it(how: Damage, b
     assert errors[1] < bound * errors[0], how.__name__
     good_texture, good = own_of(SHARP)
     assert told.octaves[1].share <= tells * good.onto(enlarged(good_texture)).octaves[1].share
-
-
-def test_halos_of_sharpening_are_no_stronger_than_in_the_photo() -> None:
-    texture, own = own_of(damaged(halos))
-    after = enlarged(texture)
-    own.onto(after)
-    where, right = seen_by(own), truth()
-    photo = Reader.of(own.photo, own.places, SIZE).rows(0, SIZE[1])
-    assert np.abs(after / 65535 - right)[where].mean() < 1.1 * np.abs(photo - right)[where].mean()
-
-
-@pytest.mark.parametrize("how", [upscaled, softened])
-def test_the_texture_is_as_large_as_what_the_photo_truly_holds(how: Damage) -> None:
-    _, sharp = own_of(SHARP)
-    _, worse = own_of(damaged(how))
-    assert worse.texture_size()[0] <= sharp.texture_size()[0] / 2
-
-
-def test_a_small_face_in_a_photo_of_24_megapixels() -> None:
-    side = 170
-    face = photograph(HEAD, turned(0, side), spots).pixels
-    pixels = np.full((4000, 6000, 3), (25, 153, 51), np.uint8)
-    pixels[1000 : 1000 + side, 2000 : 2000 + side] = face
-    camera = turned(0, side)
-    middle = camera.principal_point + np.array([2000.0, 1000.0])
-    far = Camera(6000, 4000, camera.focal_px, middle, camera.rotation, camera.translation)
-    photo, fit = Photo(pixels), fitted(HEAD, far)
-    texture = make_texture(photo, HEAD, fit, CHART)
-    own, before, after = OwnDetail.of(photo, HEAD, fit, texture), enlarged(texture), enlarged(texture)
-    told = own.onto(after)
-    assert own.texture_size() == (576, 384)
-    assert told.octaves[0].share < 0.01
-    assert np.abs(before.astype(int) - after).mean() < 0.02 * 65535
 
 
 def test_what_glasses_cover_stays_to_the_bit() -> None:
@@ -282,31 +195,6 @@ def test_clipped_light_takes_no_grain_from_the_map() -> None:
     assert fine(lit)[lost].std() < 0.7 * fine(before)[lost].std()  # flat skin that is seen is flat in the map
 
 
-NOISE = np.random.default_rng(3)
-
-
-@pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3)])
-def test_octaves_and_the_rest_are_the_image(shape: tuple[int, ...]) -> None:
-    image = NOISE.random(shape, np.float32)
-    bands, rest = split_octaves(image, 4)
-    assert [band.shape[:2] for band in bands] == [(64, 96), (32, 48), (16, 24), (8, 12)]
-    assert np.abs(joined_octaves(bands, rest) - image).max() < 1e-5
-
-
-def test_a_constant_has_no_detail() -> None:
-    bands, rest = split_octaves(np.full((32, 32), 0.7, np.float32), 3)
-    assert max(float(np.abs(band).max()) for band in bands) < 1e-6
-    assert np.allclose(rest, 0.7)
-
-
-@pytest.mark.parametrize(("period", "octave"), [(3.0, 0), (5.7, 1), (11.3, 2), (22.6, 3)])
-def test_a_wave_lies_in_its_octave(period: float, octave: int) -> None:
-    wave = np.tile(np.cos(2 * np.pi * np.arange(256) / period), (256, 1)).astype(np.float32)
-    power = [float((band[4:-4, 4:-4] ** 2).sum()) * 4**index for index, band in enumerate(split_octaves(wave, 5)[0])]
-    assert int(np.argmax(power)) == octave
-    assert power[octave] > 0.6 * sum(power)
-
-
 def edges(blur: float, noise: float, seed: int = 0, side: int = 400) -> UInt8:
     """Discs of two tones on a third, drawn at four times the size, blurred, with noise."""
     rng = np.random.default_rng(seed)
@@ -325,13 +213,6 @@ def test_the_blur_is_found(blur: float) -> None:
     assert measure_sharpness(edges(blur, 0.003)).blur == pytest.approx(np.hypot(blur, 0.3), rel=0.25)
 
 
-def test_a_sharp_picture_is_sharp_and_an_enlarged_one_is_not() -> None:
-    sharp = edges(0, 0.003)
-    large = cv2.resize(sharp, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
-    assert measure_sharpness(sharp).blur < 0.6
-    assert measure_sharpness(np.asarray(large, np.uint8)).blur > 2 * measure_sharpness(sharp).blur
-
-
 @pytest.mark.parametrize("noise", [0.01, 0.03])
 def test_the_noise_is_found(noise: float) -> None:
     assert measure_sharpness(edges(1.0, noise)).noise == pytest.approx(noise, rel=0.2)
@@ -342,15 +223,20 @@ def test_a_picture_without_edges_counts_as_blurred(image: UInt8) -> None:
     assert measure_sharpness(image).blur == UNKNOWN_BLUR
 
 
-def test_nothing_is_resolved_beyond_half_a_cycle_a_pixel() -> None:
-    left = Sharpness(LEAST_BLUR, 0.0).resolved(np.array([0.0, 0.1, 0.49, 0.5, 3.0]))
-    assert left[0] == 1
-    assert left[3] == left[4] == 0
-    assert (np.diff(left) <= 0).all()
-
-
 def test_coarse_steps_of_jpeg_are_noise() -> None:
     steps = np.full((8, 8), 40 / 255, np.float32)
     frequency = np.array([0.05, 0.2])
     plain, coded = (Sharpness(0.5, 0.003, table).noise_power(frequency) for table in (None, steps))
     assert (coded > 10 * plain).all()
+
+
+@pytest.mark.parametrize("size", [(1536, 1024), (1203, 802), (288, 192)])
+def test_a_texture_has_the_size_that_was_asked_for(
+    scene: tuple[Photo, Texture, OwnDetail], size: tuple[int, int]
+) -> None:
+    _, texture, own = scene
+    made = own_texture_of(texture, own, size)
+    assert made is not None
+    assert made.shape == (size[1], size[0], 3)
+    error = np.abs(made / 255 - truth(size))[seen_by(own, size)].mean()
+    assert error < (0.02 if size[0] > 576 else 0.03)

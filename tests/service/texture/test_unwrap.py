@@ -30,7 +30,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.map_registry import SEEN
 from service.texture.texture import Texture, make_texture
-from service.texture.unwrap import Zones, covered, parts_at, segment, unwrap, worn_before
+from service.texture.unwrap import Zones, covered, parts_at, unwrap
 from tests.service.texture.scenes import SKIN as TONE
 from tests.service.texture.scenes import fitted, photograph, plain, read_off, turned
 
@@ -89,17 +89,6 @@ def test_everything_hidden_still_gives_a_head() -> None:
     assert np.isfinite(texture.depth).all() and "little-seen" in texture.warnings
 
 
-def test_beyond_the_crop_all_is_hidden() -> None:
-    """Nothing was read there: a collar below the crop would be skin of the neck."""
-    unwrapped, zones = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART), Zones.of(CHART)
-    whole = reading(SKIN)
-    half = Reading(Region(200, 100, 200), whole.chart, whole.chart_mm, whole.normal, whole.normal_sine, whole.parts)
-    shown, y = unwrapped.weight > 0, CAMERA.project(unwrapped.position)[:, 1]
-    hidden = covered(parts_at(half, FIT, unwrapped), zones)
-    inside = np.abs(CAMERA.project(unwrapped.position)[:, 0] - 200) < 95
-    assert (hidden[shown & inside & (y < 195)] < 0.01).all() and (hidden[shown & (y > 205)] > 0.99).all()
-
-
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Where = Callable[[Array], Mask]
@@ -117,10 +106,6 @@ BLACK = (0.06, 0.05, 0.05)
 
 def chin(points: Array) -> Mask:
     return np.asarray((points[:, 1] < MOUTH_Y + 0.004) & (points[:, 1] > MOUTH_Y - 0.05) & (points[:, 2] > 0.0))
-
-
-def forehead(points: Array) -> Mask:
-    return np.asarray(points[:, 1] > EYE_Y + 0.03)
 
 
 def frame(points: Array) -> Mask:
@@ -163,45 +148,12 @@ def test_hair_on_the_face_is_seen_and_kept_and_no_light_is_read_from_it(part: in
     assert (texture.lit_skin[bare] > 250).all() and texture.warnings == ()
 
 
-@pytest.mark.parametrize("part", [HAT, OTHER, CLOTH])
-@pytest.mark.parametrize("colour", [(0.45, 0.6, 0.95), TONE], ids=["blue", "like skin"])
-def test_what_is_worn_is_not_seen_whatever_its_colour(part: int, colour: tuple[float, float, float]) -> None:
-    """A cap of the colour of skin would be a forehead, a blue one would make the light blue."""
-    texture = made(forehead, colour, part)
-    hidden = inner(forehead) & bare_face()[1]
-    assert hidden.sum() > 500
-    assert (texture.confidence[hidden] < SEEN).all() and (texture.lit_skin[hidden] < 5).all()
-    assert np.abs(texture.texture[hidden] / 255 - TONE).max() < 0.06
-    assert texture.warnings == ("face-covered",)
-
-
 def test_a_frame_is_taken_off_and_the_archive_says_so() -> None:
     texture = made(frame, BLACK, GLASSES)
     worn = inner(frame, 2) & bare_face()[1]
     assert worn.sum() > 50 and "glasses-removed" in texture.warnings
     off = np.abs(texture.texture[worn] / 255 - TONE).max(1)
     assert (texture.confidence[worn] < SEEN).all() and np.median(off) < 0.05 and off.max() < 0.2, "0.74 with it left in"
-
-
-@pytest.mark.parametrize("colour", [(0.2, 0.3, 0.8), (0.5, 0.5, 0.5), (0.02, 0.02, 0.02), (1.0, 1.0, 1.0)])
-def test_skin_of_any_colour_is_skin(colour: tuple[float, float, float]) -> None:
-    """Face paint, a grey photo, clipped shadows and clipped lights: no rule about colours leaves any of it out."""
-    texture, usual = made(everything, colour, SKIN), bare_face()[0]
-    assert np.array_equal(texture.lit_skin, usual.lit_skin) and np.array_equal(texture.confidence, usual.confidence)
-
-
-def test_the_colour_of_the_skin_is_that_of_bare_skin() -> None:
-    """Far from all that is seen it is the skin's: with the beard in it a bearded man's neck would be grey."""
-
-    def paint(points: Array) -> Array:
-        return np.where(chin(points)[:, None], BLACK, TONE)
-
-    reading = read_off(HEAD, FRONT, lambda p: np.where(chin(p), BEARD, SKIN))
-    unwrapped = unwrap(photograph(HEAD, FRONT, paint), FRONT_FIT, CHART)
-    found = segment(CHART, unwrapped, parts_at(reading, FRONT_FIT, unwrapped), ZONES)
-    assert found.colour is not None and np.abs(found.colour - TONE).max() < 0.02
-    nothing = segment(CHART, unwrapped, np.zeros((len(unwrapped.weight), len(PARTS)), np.float32), ZONES)
-    assert nothing.colour is None and not nothing.lit.any()
 
 
 def test_eyes_are_the_photo_s_where_it_shows_eyes() -> None:
@@ -232,9 +184,3 @@ def test_without_a_reading_the_face_is_taken_from_the_photo_and_nothing_else() -
     assert (texture.confidence[OWN & (zone > 0.9)] >= SEEN).mean() > 0.6
     blue = texture.texture[..., 2].astype(int) - texture.texture[..., 0]
     assert blue[OWN].max() < 0
-
-
-def test_nothing_shown_is_worth_no_warning() -> None:
-    """Shares of a face of no texels."""
-    count = len(ZONES.skin)
-    assert worn_before(np.ones((count, len(PARTS)), np.float32), np.zeros(count, np.float32), ZONES) == ()

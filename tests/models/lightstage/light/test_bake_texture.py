@@ -10,7 +10,6 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 
-from models.lightstage.light import texture as baking  # noqa: E402
 from models.lightstage.light.bake import bake, footprint  # noqa: E402
 from models.lightstage.light.expose import expose  # noqa: E402
 from models.lightstage.light.geometry import Geometry  # noqa: E402
@@ -63,13 +62,3 @@ def test_a_crop_of_a_real_head_is_that_of_the_whole_and_bfloat16_is_near() -> No
     difference = (half.float() - exact).abs()[:, skin_texels]
     assert float(difference.mean()) < 1.0 / 255  # rounding of bfloat16 near 1 is 1/256 at most
     assert float(difference.max()) < 16.0 / 255
-
-
-def test_tiles_fit_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Would break: a footprint too small, or a plan made anew in each tile; seams would show."""
-    stage = Stage.open()
-    skin = stage.skin(1034)
-    one = bake_texture(skin, stage, *SIZE, 3)
-    monkeypatch.setattr(baking, "TILE", 64)
-    many = bake_texture(skin, stage, *SIZE, 3)
-    assert int(np.abs(one.astype(int) - many).max()) <= 1

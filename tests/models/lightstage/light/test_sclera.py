@@ -44,21 +44,6 @@ def test_brows_and_lids_keep_light_from_the_whites(whites: Whites) -> None:
     assert above.max() < -1.0
 
 
-def test_lamps_on_either_side_mirror_each_other(whites: Whites) -> None:
-    """The mean head is symmetric, so what one eye has from the left the other has from the right."""
-    left, right = (whites.beside_lids(lamp(x, 0.2)) for x in (0.7, -0.7))
-    assert np.allclose(left, right[::-1], atol=0.02)
-    assert abs(left[0, 0] - left[1, 0]) > 0.05, "the nose stands between the lamp and one of them"
-
-
-def test_strength_and_colour_of_the_light_cancel(whites: Whites) -> None:
-    """The ratio is the head's; a hundredfold light has the same, and one lamp's colour is on whites and lids alike."""
-    weak, strong = (whites.beside_lids(lamp(0.2, 0.3, strength=s)) for s in (0.1, 10.0))
-    assert np.allclose(weak, strong, atol=1e-3)
-    coloured = whites.beside_lids(Illumination((PointLight((0.2, 0.3, 0.8), (3.0, 1.0, 0.2), 0.02),), DARK))
-    assert np.allclose(coloured, weak, atol=1e-3)
-
-
 def test_the_sky_and_a_lamp_as_wide_agree(whites: Whites) -> None:
     """Two ways to compute one light: as a patch of the sky, and as a ball far away that is as wide."""
     at = np.array([0.35, 0.35, 0.87])

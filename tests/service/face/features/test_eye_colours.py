@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import get_args
-
 import numpy as np
 import pytest
 
@@ -12,12 +10,10 @@ from service.face.features.eye_colours import (
     DARKEST_IRIS,
     MOST_IRIS_CHANNEL,
     MOST_IRIS_LUMA,
-    NAMED_IRISES,
     eye_colours,
     likely_iris,
 )
 from service.face.features.iris import Iris
-from service.options import EyeColour
 
 WHITE, SKIN, BLUE = (205, 195, 190), (170, 110, 95), (60, 90, 130)
 BROWN = (48, 30, 20)
@@ -111,9 +107,3 @@ def test_irises_are_not_red() -> None:
         found = likely_iris(np.array(linear, np.float32))
         assert found[0] < 2.6 * found[1] and found[2] > 0.35 * found[1]
         assert luma(found) <= luma(np.array(linear, np.float32)) + 0.02
-
-
-def test_irises_that_callers_name_are_possible() -> None:
-    for name, albedo in NAMED_IRISES.items():
-        np.testing.assert_allclose(likely_iris(albedo), albedo, atol=1e-6, err_msg=name)
-    assert {"auto", *NAMED_IRISES} == set(get_args(EyeColour))

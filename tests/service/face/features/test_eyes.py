@@ -80,29 +80,6 @@ def test_lids_end_where_the_rim_is(head: HeadModel, truth: dict[str, float], sta
         assert np.abs(theirs - ours).mean() / FOCAL < 0.0006
 
 
-def test_both_sides_and_all_views_agree(head: HeadModel) -> None:
-    """The rim is read in a frame of its own, so that turned and tilted heads open their eyes as wide."""
-    true = units(head, eyeWide=0.8)
-    wide = [head.expression_names.index(f"eyeWide{side}") for side in ("Left", "Right")]
-    upright = camera()
-    rim = shown(head, head.shape(np.zeros(0), true), upright)
-    for view in (upright, camera(roll_deg=30), camera(yaw_deg=20), camera(pitch_deg=12)):
-        found = lids(head, head.mean, np.zeros(len(true)), view, _seen_from(head, rim, upright, view))
-        assert found[wide] == pytest.approx([0.8, 0.8], abs=0.3)
-
-
-def _seen_from(head: HeadModel, rim: np.ndarray, upright: Camera, view: Camera) -> np.ndarray:
-    """Landmarks of one view in another, as if each lay as deep as its eye's lids."""
-    out = rim.copy()
-    for side in SIDES:
-        own = list(RIMS[side])
-        depth = upright.to_camera(head.mean[head.region(f"eyelid_{side}") > 0.9])[:, 2].mean()
-        ray = np.c_[(rim[own] - upright.principal_point) / upright.focal_px, np.ones(len(own))] * depth
-        in_head = (ray - upright.translation) @ upright.rotation
-        out[own] = view.project(in_head)
-    return out
-
-
 def test_what_cannot_be_read_changes_nothing(head: HeadModel) -> None:
     """A division by the length of a rim that is a point, logarithms of nothing, and heads seen from behind."""
     before = units(head, eyeBlink=0.2)

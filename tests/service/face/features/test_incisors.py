@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service.face.features.mouth import MOST_DROP_M, ROW, teeth_drop
+from service.face.features.mouth import ROW, teeth_drop
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
 from tests.service.face.geometry import FOCAL, VIEW
@@ -60,15 +60,6 @@ def test_the_lower_row_is_not_taken_for_the_upper_ones_end(head: HeadModel) -> N
     assert teeth_drop(photo, teeth, VIEW, rim(top, bottom), FLESH) * 1e3 < 1.3
     touching = mouth(top, bottom, (top, bottom))
     assert teeth_drop(touching, teeth, VIEW, rim(top, bottom), FLESH) == 0.0, "two rows in one"
-
-
-def test_it_never_goes_up_and_not_through_the_lip(head: HeadModel) -> None:
-    """Teeth that the photo cuts off are hidden by a lip or dark, not short."""
-    edge, teeth = edge_px(head), head.mean[part_vertices(head, ROW)]
-    short = mouth(edge - 20, edge + 10, (edge - 20, edge - 8))
-    assert teeth_drop(short, teeth, VIEW, rim(edge - 20, edge + 10), FLESH) == 0.0
-    long = mouth(edge - 6, edge + 30, (edge - 6, edge + 18))
-    assert teeth_drop(long, teeth, VIEW, rim(edge - 6, edge + 30), FLESH) == pytest.approx(MOST_DROP_M)
 
 
 @pytest.mark.parametrize(

@@ -108,36 +108,6 @@ def test_gaze_comes_back(head: HeadModel, yaw: float, angles: tuple[float, float
     assert abs(found.pitch_deg - angles[1]) < 5
 
 
-@pytest.mark.parametrize("roll", [-50.0, 35.0])
-def test_a_tilted_head_looks_where_it_looks(head: HeadModel, roll: float) -> None:
-    """Lids hide the iris above and below on the head, not in the photo."""
-    image, landmarks, camera = scene(head, Gaze(14.0, -4.0), 0.0, roll=roll)
-    found = find_gaze(image, landmarks, head, head.mean, camera)
-    assert found is not None and len(found.irises) == 2
-    assert abs(found.yaw_deg - 14.0) < 3
-    assert abs(found.pitch_deg + 4.0) < 5
-
-
-def test_one_eye_tells_the_iris_of_the_other_from_shade(head: HeadModel) -> None:
-    """A dark corner of one eye has more contrast than its own pale iris; alone it would be taken for it."""
-    image, landmarks, camera = scene(head, Gaze(-6.0, 0.0), 0.0)
-    rim = landmarks[list(RIMS["left"]), :2]
-    mask = np.zeros(image.shape[:2], np.uint8)
-    cv2.fillPoly(mask, [np.rint((rim - 0.5) * 16).astype(np.int32)], 1, shift=4)
-    pale = np.rint(150 + 0.6 * (image.astype(np.float64) - 150)).astype(np.uint8)
-    image[mask > 0] = pale[mask > 0]
-    corner = (int(rim[:, 0].max()) - 8, int(rim[:, 1].mean()))
-    shade = np.zeros_like(mask)
-    cv2.circle(shade, corner, 9, 1, -1)
-    image[(mask > 0) & (shade > 0)] = (25, 20, 18)
-    alone = find_iris(image, rim, 8.8)
-    assert alone is not None and np.linalg.norm(alone.centre - corner) < 6
-    found = find_gaze(image, landmarks, head, head.mean, camera)
-    assert found is not None
-    assert abs(found.yaw_deg + 6) < 5
-    assert all(np.linalg.norm(iris.centre - corner) > 8 for iris in found.irises)
-
-
 def test_one_eye_is_enough_and_none_is_said(head: HeadModel) -> None:
     image, landmarks, camera = scene(head, Gaze(10.0, 0.0), 0.0, hide=("right",))
     one = find_gaze(image, landmarks, head, head.mean, camera)

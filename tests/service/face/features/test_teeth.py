@@ -7,15 +7,12 @@ import pytest
 
 from service.colour import LUMA, linear_to_srgb, to_bytes
 from service.face.features.eye_colours import (
-    BETWEEN_LIDS,
     CHEEKS,
     RANGE,
     cheek_colour,
-    light_from_sclera_and_teeth,
     palest,
 )
 from service.face.features.mouth import TOOTH, measure_teeth, teeth_light
-from tests.service.face.features.test_sclera import MEAN, photo_of
 
 RIM = np.array([[20, 30], [40, 20], [60, 18], [80, 20], [100, 30], [80, 42], [60, 45], [40, 42]], float)
 SKINS = {"dark": [0.12, 0.055, 0.035], "brown": [0.30, 0.17, 0.11], "light": [0.55, 0.36, 0.27]}
@@ -96,21 +93,6 @@ def test_a_white_in_the_shade_tells_how_strong_the_light_is_but_not_its_hue() ->
     found = palest(np.array([LIGHT, shade]))
     assert np.allclose(found / LIGHT, (found / LIGHT)[0]), "the hue of the lit one"
     assert np.isclose(found @ LUMA, np.sqrt((LIGHT @ LUMA) * (shade @ LUMA)), rtol=0.02)
-
-
-def test_teeth_speak_for_closed_eyes() -> None:
-    pixels, skin = mouth(TOOTH, LIGHT, np.array(SKINS["brown"]))
-    cheek = np.asarray(skin, np.float32)
-    found = light_from_sclera_and_teeth(pixels, None, measure_teeth(pixels, RIM, cheek), cheek)
-    assert found is not None and np.abs(np.log(found / (LIGHT * BETWEEN_LIDS))).max() < 0.06
-    assert light_from_sclera_and_teeth(pixels, None, None, cheek) is None
-    assert light_from_sclera_and_teeth(pixels, None, np.ones(3, np.float32), None) is None
-
-
-def test_eyes_speak_for_a_closed_mouth() -> None:
-    pixels, gaze = photo_of(LIGHT, 15.0)
-    found = light_from_sclera_and_teeth(pixels, gaze, None, np.array([0.7, 0.5, 0.4], np.float32))
-    assert found is not None and np.abs(np.log(found / (LIGHT * MEAN))).max() < 0.15
 
 
 @pytest.mark.parametrize("radius", [0.0, 5.0, 400.0, np.nan])

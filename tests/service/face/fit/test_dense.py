@@ -11,7 +11,7 @@ from service.face.finder import Face
 from service.face.fit.dense import DenseTerms, correspondences, normal_derivative
 from service.face.fit.fit import FitSettings
 from service.face.fit.fit_face import fit_face
-from service.face.fit.landmark_fit import RIGID, LandmarkModel, extended, modes
+from service.face.fit.landmark_fit import LandmarkModel, extended
 from service.face.fit.solver import POSE, State
 from service.face.reading.openings import EYE, STATIONS, Opening
 from service.face.reading.part_labels import PARTS, SKIN
@@ -90,22 +90,6 @@ def test_a_perfect_reading_brings_the_shape_back(head: HeadModel, yaw: float) ->
     assert error_mm(head, dense.neutral, truth) < min(1.1, 0.6 * error_mm(head, points.neutral, truth))
 
 
-def test_a_child_keeps_its_proportions(head: HeadModel) -> None:
-    """A face a sixth shorter below the eyes lies far out in the prior of adults, which would draw it long again."""
-    truth = np.asarray(head.mean, np.float64).copy()
-    truth[:, 1] = np.where(truth[:, 1] < 0, 0.84 * truth[:, 1], 1.05 * truth[:, 1])
-    face, photo, reading = seen(head, truth, yaw=0.0)
-    fit = fit_face(face, photo, head, None, reading)
-
-    def length(vertices: np.ndarray) -> float:
-        chin, right, left = ((vertices[head.triangles[head.landmark_triangle[k]]]).mean(0) for k in (152, 33, 263))
-        return float(np.linalg.norm(chin - (right + left) / 2) / np.linalg.norm(right - left))
-
-    assert not {"low-confidence", "not-read"} & set(fit.warnings)
-    assert abs(length(fit.neutral) / length(truth) - 1) < 0.05
-    assert length(head.mean) / length(truth) > 1.1
-
-
 def test_normals_bend_the_shape_where_places_are_vague(head: HeadModel) -> None:
     """Places alone leave the depth open; the switch that leaves normals out has to leave them out."""
     truth = somebody(head)
@@ -118,30 +102,6 @@ def test_normals_bend_the_shape_where_places_are_vague(head: HeadModel) -> None:
     assert np.array_equal(
         fit_face(face, photo, head, FitSettings(refine="dense", normals=False), turned).vertices, places.vertices
     )
-
-
-def test_free_form_follows_what_no_component_has(head: HeadModel) -> None:
-    rng = np.random.default_rng(2)
-    bent = somebody(head) + np.tensordot(rng.normal(size=100), modes(head, 100), 1)
-    face, photo, reading = seen(head, bent)
-    dense = fit_face(face, photo, head, FitSettings(refine="dense"), reading)
-    full = fit_face(face, photo, head, FitSettings(refine="full"), reading)
-    assert error_mm(head, full.neutral, bent) < 0.95 * error_mm(head, dense.neutral, bent)
-    assert len(full.identity) == 80
-
-
-def test_modes_are_a_process(head: HeadModel) -> None:
-    """Eyeballs that stretched, or a face that bent more to one side than to the other, would be no heads."""
-    field = modes(head, 150)
-    assert np.isfinite(field).all()
-    for name in RIGID:
-        members = np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])
-        assert np.ptp(field[:, members], axis=1).max() < 1e-9
-    mirrored = field[:, head.mirror] * np.array([-1.0, 1.0, 1.0], np.float32)
-    symmetric, lopsided = (((field + sign * mirrored) ** 2).sum() for sign in (1, -1))
-    assert lopsided < 0.3 * symmetric
-    spread = 1e3 * np.sqrt((field[:, head.region("face") > 0.5] ** 2).sum(0).mean(0))
-    assert (spread > 0.4).all() and (spread < 2.5).all()
 
 
 def test_derivatives_are_those_of_finite_differences(wide: HeadModel) -> None:
@@ -201,31 +161,6 @@ def test_an_infinite_focal_length(head: HeadModel) -> None:
     face, photo, reading = seen(head, truth, focal=110_000.0)
     fit = fit_face(face, photo, head, None, reading)
     assert np.isfinite(fit.vertices).all() and error_mm(head, fit.neutral, truth) < 2.0
-
-
-def test_half_of_the_face_hidden(head: HeadModel) -> None:
-    truth = somebody(head)
-    face, photo, reading = seen(head, truth)
-    parts = reading.parts.copy()
-    parts[:, : PART_CELLS // 2] = np.eye(len(PARTS), dtype=np.float32)[-1]
-    fit = fit_face(face, photo, head, None, replace(reading, parts=parts))
-    assert "not-read" not in fit.warnings and error_mm(head, fit.neutral, truth) < 1.5
-
-
-def test_scores_decide_what_points_leave_open(head: HeadModel) -> None:
-    """Puffed cheeks hardly move a landmark: only the score tells of them."""
-    face, photo, reading = seen(head, np.asarray(head.mean, np.float64))
-    unit, points = head.expression_names.index("cheekPuff"), FitSettings(refine="landmarks")
-    scored = [
-        fit_face(face, photo, head, points, replace(reading, scores=units))
-        for units in ({"cheekPuff": 0.0}, {"cheekPuff": 0.8}, {"nobody's unit": 1.0})
-    ]
-    without, puffed, unknown = (fit.expression[unit] for fit in scored)
-    assert puffed > without + 0.2
-    assert abs(unknown - fit_face(face, photo, head, points).expression[unit]) < 1e-9
-    ignored = replace(reading, scores={"cheekPuff": 0.8})
-    without_scores = fit_face(face, photo, head, FitSettings(refine="landmarks", scores=False), ignored)
-    assert abs(without_scores.expression[unit] - unknown) < 1e-9
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

@@ -19,13 +19,6 @@ def test_a_slope_is_read_where_it_was(sigma: float) -> None:
     assert soft.image[y, x, 0] == pytest.approx(0.5, abs=0.02)
 
 
-def test_a_small_blur_keeps_every_pixel() -> None:
-    pixels = np.random.default_rng(0).integers(0, 255, (40, 50, 3)).astype(np.uint8)
-    soft = Softened.of(pixels, 0.2, np.array([[0.0, 0.0], [50.0, 40.0]]))
-    assert (soft.image == pixels.astype(np.float32) / np.float32(255)).all()
-    assert (soft.step == 1).all()
-
-
 def test_around_a_small_head_the_same_is_read_and_no_more_is_kept() -> None:
     coarse = np.random.default_rng(0).integers(0, 255, (50, 70, 3)).astype(np.uint8)
     pixels = np.asarray(cv2.resize(coarse, (1400, 1000)), np.uint8)

@@ -8,7 +8,7 @@ import pytest
 from service.arrays import Float64, UInt8
 from service.face.fit.landmark_fit import LandmarkModel
 from service.face.fit.solver import POSE, State, System, project_points
-from service.face.fit.stereo import Picture, pairs, stereo_terms, tracks
+from service.face.fit.stereo import Picture, stereo_terms, tracks
 from service.geometry.camera import exp_rotation
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
@@ -107,9 +107,3 @@ def test_a_face_beside_the_photo_is_no_picture(head: HeadModel) -> None:
     state = state_of(head, 0.0, coefficients_of(head, 1))
     away = State(state.rotation, np.array([5.0, 0.0]), state.log_scale, state.log_distance, state.coefficients)
     assert Picture.of(np.zeros((SIZE, SIZE, 3), np.uint8), MIDDLE, head, away, shape(head, away)) is None
-
-
-def test_each_photo_has_few_partners_so_that_work_grows_with_the_photos(head: HeadModel) -> None:
-    states = [state_of(head, yaw, np.zeros(1)) for yaw in np.linspace(-80, 80, 17)]
-    assert len(pairs(states)) <= 2 * len(states)
-    assert not pairs([state_of(head, yaw, np.zeros(1)) for yaw in (0.0, 3.0)]), "no depth between twins"

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.face.detection import face_square
 from service.face.features.rims import RIMS
 from service.face.reading.openings import (
     EYE,
@@ -139,18 +138,6 @@ class Rising:
 class Broken:
     def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
         raise NumericFault("face_blendshapes: NaN")
-
-
-def test_scores_have_names_and_stay_within_bounds() -> None:
-    scores = Landmarker((Points(), Rising()))(np.zeros((400, 600, 3), np.uint8), oval(0.3))  # type: ignore[arg-type]
-    assert scores is not None
-    assert list(scores) == list(NAMES[1:])
-    assert min(scores.values()) == 0.0 and max(scores.values()) == 1.0
-
-
-def test_the_crop_holds_the_face_at_mediapipes_size() -> None:
-    region = face_square(oval(0.5))
-    assert region.side == pytest.approx(1.5 * 140, rel=0.01) and region.angle == pytest.approx(0.5, abs=0.02)
 
 
 @pytest.mark.parametrize("landmarks", [np.full((468, 3), np.nan), np.zeros((468, 3))])

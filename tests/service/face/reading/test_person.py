@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.face.reading.part_labels import BACKGROUND, CLOTH, HAIR, OTHER, PARTS, SKIN
+from service.face.reading.part_labels import BACKGROUND, HAIR, PARTS, SKIN
 from service.face.reading.reader import (
     CELLS,
     LEAST_RATE,
@@ -18,7 +18,6 @@ from service.face.reading.reader import (
     Reading,
     error_rates,
     parts_at_pixels,
-    weigh_parts,
     with_person,
 )
 from service.face.region import Region
@@ -90,16 +89,6 @@ def test_a_network_that_sees_the_same_everywhere_changes_nothing(value: float) -
     np.testing.assert_allclose(after.around.parts, before.around.parts, atol=1e-6)
 
 
-def test_who_is_missed_in_the_face_is_believed_less_beside_it() -> None:
-    """Half of the face is missed: so may be the hair."""
-    half = disc(60) & (np.arange(PERSON_SIDE) < PERSON_SIDE / 2)[:, None]
-    at = np.array([[110.0, 200.0]])
-    sure, unsure = (
-        parts_at_pixels(with_person(PIXELS, reading(200), network(mask)), at)[0, HAIR] for mask in (disc(60), half)
-    )
-    assert sure < 0.1 and unsure > 0.4
-
-
 def test_error_rates_are_those_of_the_photo() -> None:
     parts = np.zeros((8, 8, len(PARTS)), np.float32)
     parts[:4, :, SKIN], parts[4:, :, BACKGROUND] = 1.0, 1.0
@@ -112,32 +101,11 @@ def test_error_rates_are_those_of_the_photo() -> None:
     assert error_rates(parts, person, np.zeros((8, 8), bool)) == (0.5, 0.5), "without a cell: no division by zero"
 
 
-def test_odds_are_multiplied_by_the_likelihood_ratio() -> None:
-    parts = np.zeros((1, len(PARTS)), np.float32)
-    parts[0, [HAIR, CLOTH, BACKGROUND, OTHER]] = 0.4, 0.2, 0.3, 0.1
-    found = weigh_parts(parts, np.zeros(1, np.float32), missed=0.1, false=0.2)[0]
-    odds = (0.6 / 0.4) * (0.1 / 0.8)
-    assert found[HAIR] + found[CLOTH] == pytest.approx(odds / (1 + odds), rel=1e-5)
-    assert found[HAIR] / found[CLOTH] == pytest.approx(2.0), "which part of the person it is stays as it was"
-    assert found[BACKGROUND] / found[OTHER] == pytest.approx(3.0), "what hides a face need not be a person"
-    np.testing.assert_allclose(weigh_parts(parts, np.ones(1, np.float32), 0.1, 0.2), parts, rtol=1e-5)
-    certain = np.eye(len(PARTS), dtype=np.float32)[[HAIR]]
-    np.testing.assert_allclose(weigh_parts(certain, np.zeros(1, np.float32), LEAST_RATE, LEAST_RATE), certain)
-
-
 def test_without_numbers_the_reading_stays_and_the_log_says_so(caplog: pytest.LogCaptureFixture) -> None:
     before = reading(150, reading(200))
     with caplog.at_level(logging.WARNING):
         assert with_person(PIXELS, before, PersonNetwork(Faulty())) is before  # type: ignore[arg-type]
     assert "not told from the background" in caplog.text and "NaN" in caplog.text
-
-
-def test_the_network_sees_the_wider_crop_in_its_own_range() -> None:
-    mask = Mask(disc(60))
-    with_person(np.full((400, 400, 3), 255, np.uint8), reading(150, reading(200)), PersonNetwork(mask))  # type: ignore[arg-type]
-    (image,) = mask.seen
-    assert image.shape == (1, PERSON_SIDE, PERSON_SIDE, 3) and image.dtype == np.float32
-    assert image.min() == image.max() == 1.0
 
 
 def test_the_shipped_network_finds_the_astronaut() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,6 @@ from service.face.reading.openings import Landmarker, OpeningsNetwork
 from service.face.reading.part_labels import BACKGROUND, HAIR, PARTS, SKIN
 from service.face.reading.reader import (
     CELLS,
-    FILL,
     PART_CELLS,
     PersonNetwork,
     ReaderNetwork,
@@ -63,17 +60,6 @@ def readers(pixels: Known, person: PersonNetwork | bool = False) -> Readers:
     return Readers(ReaderNetwork(pixels), openings, Landmarker((no, no)), person)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.4, -1.2, 3.0])
-def test_the_crop_stands_upright_on_the_face(angle: float) -> None:
-    region = crop_of(oval(angle))
-    assert region is not None
-    local = region.to_crop(oval(angle), 100)[:, :2]
-    low, high = local.min(0), local.max(0)
-    assert (high - low).max() == pytest.approx(100 * FILL, rel=0.02)
-    eyes, mouth = local[[33, 133, 362, 263]].mean(0), local[[13, 14]].mean(0)
-    assert abs(eyes[0] - mouth[0]) < 1 and mouth[1] > eyes[1]
-
-
 @pytest.mark.parametrize("landmarks", [np.full((468, 3), np.nan), np.zeros((468, 3))])
 def test_landmarks_without_extent_give_no_crop(landmarks: np.ndarray) -> None:
     """A crop of no size would divide by zero."""
@@ -96,27 +82,12 @@ def test_what_is_mirrored_is_turned_back() -> None:
     assert (reading.parts[:, middle + 1 :, 1] > 0.9).all() and (reading.parts[:, : middle - 1, 1] < 0.1).all()
 
 
-def test_answers_that_disagree_are_uncertain() -> None:
-    reading = ReaderNetwork(Known(twist=0.1))(np.zeros((400, 600, 3), np.uint8), Region(300, 200, 256))  # type: ignore[arg-type]
-    assert (reading.chart_mm > 0.1 * 400 * 0.9).all()
-
-
 def test_a_turned_crop_gives_normals_of_the_photo() -> None:
     straight = ReaderNetwork(Known())(np.zeros((400, 600, 3), np.uint8), Region(300, 200, 256))  # type: ignore[arg-type]
     turned = ReaderNetwork(Known())(np.zeros((400, 600, 3), np.uint8), Region(300, 200, 256, 0.5))  # type: ignore[arg-type]
     turn = exp_rotation(np.array([0.0, 0.0, 0.5]))
     assert np.allclose(turned.normal, straight.normal @ turn.T, atol=1e-6)
     assert np.allclose(np.linalg.norm(turned.camera_normals(500.0, np.array([100.0, 90.0])), axis=-1), 1.0)
-
-
-def test_normals_are_given_from_where_the_crop_lies() -> None:
-    """A face beside the optical axis that looks into the camera has a normal along its ray, not along the axis."""
-    network = Known()
-    reading = ReaderNetwork(network)(np.zeros((400, 600, 3), np.uint8), Region(500, 100, 200))  # type: ignore[arg-type]
-    at_me = replace(reading, normal=np.tile([0.0, 0.0, -1.0], (CELLS, CELLS, 1)))
-    ray = np.array([200.0, -100.0, 400.0])
-    assert np.allclose(at_me.camera_normals(400.0, np.array([300.0, 200.0])), -ray / np.linalg.norm(ray))
-    assert np.allclose(ahead(ray) @ ray, np.array([0, 0, np.linalg.norm(ray)]))
 
 
 def test_a_network_without_numbers_is_no_reading() -> None:
@@ -131,11 +102,6 @@ def test_a_network_without_numbers_is_no_reading() -> None:
 def test_a_ray_that_does_not_lead_forward_is_refused(ray: list[float]) -> None:
     with pytest.raises(ValueError, match="forward"):
         ahead(np.array(ray))
-
-
-def test_pixels_are_read_though_lids_and_expression_are_not() -> None:
-    reading = read_face(np.zeros((400, 600, 3), np.uint8), oval(0.0), readers(Known()))
-    assert reading is not None and reading.openings == {} and reading.scores is None
 
 
 def test_the_person_is_told_from_the_background_where_that_is_not_switched_off() -> None:
@@ -173,17 +139,6 @@ def test_hair_beyond_the_narrow_crop_is_read_in_the_wider_one() -> None:
     assert found[0, HAIR] > 0.99, "above the narrow crop"
     assert found[1, BACKGROUND] == 1.0, "above both"
     assert parts_at_pixels(reading(100, 0.0), at)[0, BACKGROUND] == 1.0
-
-
-def test_hair_is_where_either_crop_shows_it_and_probabilities_stay_such() -> None:
-    at = np.array([[200.0, 200.0], [152.0, 200.0]])
-    for narrow, wide in ((0.1, 0.4), (0.4, 0.1), (0.0, 0.0), (1.0, 0.2), (0.0, 1.0)):
-        found = parts_at_pixels(reading(100, narrow, reading(200, wide)), at, strands=True)
-        np.testing.assert_allclose(found.sum(1), 1, atol=1e-5)
-        assert found[0, HAIR] == np.float32(max(narrow, wide))
-        assert (found >= 0).all()
-        plain = parts_at_pixels(reading(100, narrow, reading(200, wide)), at)
-        assert plain[0, HAIR] == np.float32(narrow), "the outline of the hair is that of the finer crop"
 
 
 def test_more_points_than_opencv_takes_at_a_time() -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from service.errors import ModelFault
-from service.reflectance.albedo.albedo_error import CLUES, LEAST, MOST, ErrorModel, clues, error_map, error_model
-from service.reflectance.albedo.albedo_prior import AlbedoPrior, albedo_prior
+from service.reflectance.albedo.albedo_error import CLUES, LEAST, MOST, ErrorModel, clues, error_model
+from service.reflectance.albedo.albedo_prior import AlbedoPrior
 
 SHAPE = (24, 36)
 
@@ -51,30 +51,11 @@ def test_each_clue_is_more_where_there_is_more_of_it(name: str, changed: dict[st
     assert plane[:, -4:].mean() > plane[:, :4].mean() + 0.05, name
 
 
-def test_a_step_of_light_is_an_edge_and_the_whites_count_for_the_whole_chart() -> None:
-    edge = plain(texture=np.stack([half(0.1, 0.6)] * 3))[CLUES.index("edge")]
-    assert edge.max() > 0.1 and edge[:, :4].max() < 0.01
-    assert (plain(white_seen=False)[CLUES.index("no_white")] == 1).all()
-    assert (plain()[CLUES.index("no_white")] == 0).all()
-
-
 def test_degenerate_charts_have_finite_errors_within_the_range() -> None:
     for changed in ({"seen": np.zeros(SHAPE, np.float32)}, {"texture": np.zeros((3, *SHAPE), np.float32)},
                     {"apart": None}, {"light": np.full((3, *SHAPE), -9.0, np.float32)}):  # fmt: skip
         stated = error_model().stated(plain(**changed))
         assert np.isfinite(stated).all() and stated.min() >= LEAST and stated.max() <= MOST
-
-
-def test_the_model_in_the_box_is_surer_of_what_it_sees() -> None:
-    stated = error_model().stated(plain(seen=half(1, 0), light=np.stack([half(0, -1.5)] * 3), apart=half(0.1, 0.5)))
-    assert stated[:, :6].mean() < stated[:, -6:].mean()
-
-
-def test_the_map_is_full_where_there_is_no_skin() -> None:
-    skin = np.full((48, 72), 255, np.uint8)
-    skin[:, 36:] = 0
-    found = error_map(np.full(SHAPE, 0.2, np.float32), skin, (72, 48))
-    assert found.shape == (48, 72) and (found[:, :30] == 51).all() and (found[:, 42:] == 255).all()
 
 
 def test_a_file_that_lacks_a_weight_is_refused(tmp_path: Path) -> None:
@@ -83,17 +64,6 @@ def test_a_file_that_lacks_a_weight_is_refused(tmp_path: Path) -> None:
         (tmp_path / "error.json").write_text(content, "utf-8")
         with pytest.raises(ModelFault, match=r"error\.json"):
             ErrorModel.read(tmp_path / "error.json")
-
-
-def test_what_is_seen_narrows_what_the_prior_holds_possible() -> None:
-    prior = albedo_prior(bearded=False)
-    height, width = prior.inside.shape
-    nothing = prior.apart(np.zeros((height, width), np.float32))
-    left = np.zeros((height, width), np.float32)
-    left[:, : width // 2] = 1
-    some = prior.apart(left)
-    inside = prior.inside > 0.9
-    assert (some[inside] <= nothing[inside] + 1e-5).all() and some[inside].mean() < 0.8 * nothing[inside].mean()
 
 
 def test_the_posterior_is_that_of_a_gaussian_worked_out_by_hand() -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from service.errors import ModelFault
@@ -14,7 +12,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask
 from service.reflectance.albedo.albedo_prior import FILE, AlbedoPrior, albedo_prior
-from service.reflectance.albedo.light_corrections import ChartLight, as_seen_skin, continued
+from service.reflectance.albedo.light_corrections import as_seen_skin, continued
 
 H, W = 16, 24
 
@@ -37,27 +35,6 @@ def test_the_unseen_half_follows_from_the_seen_one() -> None:
     made = prior.complete(seen, lit)
     assert made[..., : W // 2] == pytest.approx(-1.0 + 0.5 * coefficient, abs=1e-5)
     assert made[..., W // 2 :] == pytest.approx(-1.0 + coefficient, abs=1e-5)
-
-
-def test_nothing_seen_is_the_mean_and_noise_pulls_towards_it() -> None:
-    seen = np.zeros((3, H, W), np.float32)
-    assert np.allclose(toy().complete(seen, np.zeros((H, W), np.float32)), -1.0)
-    one, other = (float(np.abs(toy(n).complete(seen, np.ones((H, W), np.float32)) + 1).mean()) for n in (0.1, 100.0))
-    assert one > other > 0
-
-
-def test_larger_charts_get_larger_maps() -> None:
-    made = toy().complete(np.zeros((3, 4 * H, 4 * W), np.float32), np.ones((4 * H, 4 * W), np.float32))
-    assert made.shape == (3, 4 * H, 4 * W) and np.isfinite(made).all()
-
-
-def test_another_chart_is_known_by_its_islands() -> None:
-    prior = toy()
-    assert prior.is_of(np.ones((3 * H, 3 * W), np.float32))
-    half = np.ones((H, W), np.float32)
-    half[:, : W // 2] = 0
-    assert not prior.is_of(half)
-    assert not prior.is_of(0 * half)
 
 
 def test_a_file_that_is_none_is_said(tmp_path: Path) -> None:
@@ -102,24 +79,6 @@ def test_the_prior_in_the_box_is_of_the_head_in_the_box() -> None:
     assert FILE.is_file()
 
 
-def test_the_prior_in_the_box_knows_beards() -> None:
-    """One that is seen on the face goes on along the hidden jaw; where bare skin is seen, none grows."""
-    head, prior = load_head(None), albedo_prior(bearded=True)
-    chart = Chart.build(head, 288, 192)
-    grows = chart.interpolate(vertex_mask(head, "beard"))[..., 0]
-    face = chart.interpolate(vertex_mask(head, "face"))[..., 0] * chart.mask
-    middle = np.abs(np.arange(288) + 0.5 - 144) < 40
-    seen = np.asarray(face * middle[None], np.float32)
-    hidden = (grows > 0.5) & (seen == 0) & (chart.mask > 0)
-    assert hidden.sum() > 50
-    skin = prior.complete(np.zeros((3, 192, 288), np.float32), np.zeros((192, 288), np.float32))
-    darker = [
-        (prior.complete(skin - depth * np.asarray(grows > 0.5, np.float32), seen) - skin)[:, hidden].mean()
-        for depth in (0.0, 1.5)
-    ]
-    assert darker[1] - darker[0] < -0.5 and abs(darker[0]) < 0.3
-
-
 def test_no_beard_grows_where_the_photo_shows_none() -> None:
     """What is left of shade on a jaw is likeliest a beard, if there may be one: women were given beards."""
     chart = Chart.build(load_head(None), 288, 192)
@@ -131,19 +90,3 @@ def test_no_beard_grows_where_the_photo_shows_none() -> None:
     shaded = tone - 0.5 * np.asarray(grows, np.float32)
     darker = {b: float((albedo_prior(b).complete(shaded, seen) - tone)[:, hidden].mean()) for b in (True, False)}
     assert darker[False] > darker[True] + 0.1 and darker[False] > -0.4
-
-
-def test_a_beard_is_what_is_shown_beside_lit_skin_and_not_its_soft_border() -> None:
-    """The border alone would make everybody bearded; a moustache is enough."""
-    lit = np.zeros((60, 80), np.float32)
-    lit[10:50, 10:70] = 1
-    soft = np.asarray(cv2.GaussianBlur(lit, (0, 0), 1.5), np.float32)
-    plain = np.zeros((3, 60, 80), np.float32)
-
-    def bearded(shown: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> bool:
-        return ChartLight(plain, plain, plain, skin, np.ones((60, 80), np.float32), 0 * skin, shown).bearded
-
-    assert not bearded(lit, soft) and not bearded(lit, lit)
-    moustache = lit.copy()
-    moustache[25:37, 25:55] = 0
-    assert bearded(lit, np.minimum(soft, moustache))

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
 from service.colour import linear_to_srgb
 from service.errors import UsageError
 from service.options import Options
-from service.reflectance.albedo.corrections import Applied, Correction, Ledger, changed_texels
+from service.reflectance.albedo.corrections import changed_texels
 from service.reflectance.albedo.diffuse_albedo import NAMES
-
-ONE = Correction(name="one", mends="Something.")
-
-
-def test_names_are_unique_and_can_be_typed() -> None:
-    assert len(set(NAMES)) == len(NAMES)
-    assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*", name) for name in NAMES)
 
 
 def test_unknown_and_doubled_names_are_refused_with_those_that_there_are() -> None:
@@ -27,14 +18,6 @@ def test_unknown_and_doubled_names_are_refused_with_those_that_there_are() -> No
     with pytest.raises(UsageError, match="twice"):
         Options(without=(NAMES[0], NAMES[0]))
     assert Options(without=NAMES).to_json()["without"] == list(NAMES)
-
-
-def test_a_ledger_adds_up_tiles_and_knows_what_is_off() -> None:
-    ledger = Ledger(["two"])
-    ledger.count(ONE, 3, 10)
-    ledger.count(ONE, 2, 10)
-    assert ledger.applied == (Applied("one", 5, 20),)
-    assert ledger.runs(ONE) and not ledger.runs(Correction(name="two", mends="Something."))
 
 
 def test_a_texel_counts_from_one_step_of_eight_bits_on() -> None:

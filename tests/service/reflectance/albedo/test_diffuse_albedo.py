@@ -6,13 +6,12 @@ import cv2
 import numpy as np
 
 from service.anatomy.canvas import PartTexels
-from service.anatomy.eyes import BRIGHTEST
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
 from service.face.features.eye_colours import SCLERA
 from service.geometry.chart import NO_PART
 from service.head.files import load_head
 from service.reflectance.albedo.beside_skin import darkened, pad_parts, pad_skin
-from service.reflectance.albedo.diffuse_albedo import light_between_lids, without
+from service.reflectance.albedo.diffuse_albedo import without
 from service.reflectance.subject import Subject
 
 
@@ -22,19 +21,6 @@ def test_the_white_of_an_eye_is_white_in_any_light() -> None:
         coded = linear_to_srgb((SCLERA * factor).astype(np.float32)).reshape(1, 1, 3) * 2 - 1
         bare = without(np.log(np.array(factor, np.float32)), coded)
         assert np.allclose(srgb_to_linear(bare * 0.5 + 0.5)[0, 0], SCLERA, atol=2e-3)
-
-
-def test_eyes_that_were_not_seen_lose_the_light_of_the_face() -> None:
-    """Less what the lids shade; finite without any lit skin, and no tooth is brighter than a tooth can be."""
-    light = np.full((3, 8, 12), -1.0, np.float32)
-    light[:, :, :6] = 5.0
-    lit = np.zeros((8, 12), np.float32)
-    lit[:, 6:] = 1
-    found = light_between_lids(light, lit)
-    assert (found < -1.0).all() and (found > -2.0).all()
-    assert np.isfinite(light_between_lids(light, 0 * lit)).all()
-    bright = without(np.full(3, -50.0, np.float32), np.ones((2, 2, 3), np.float32))
-    assert np.allclose(srgb_to_linear(bright * 0.5 + 0.5), BRIGHTEST, atol=2e-3)
 
 
 HEAD = load_head()
@@ -86,8 +72,3 @@ def test_the_factor_is_on_linear_albedo() -> None:
     found = srgb_to_linear(darkened(albedo, left) / FULL_CODE)
     assert np.allclose(found[:24], skin * np.array([128, 64, 255]) / 255, atol=2e-4)
     assert np.array_equal(albedo[40:], before[40:])
-
-
-def test_black_stays_black() -> None:
-    albedo = np.zeros((8, 8, 3), np.uint16)
-    assert not darkened(albedo, np.zeros((2, 2, 3), np.uint8)).any()

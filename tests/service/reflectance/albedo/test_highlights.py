@@ -8,7 +8,7 @@ import pytest
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
-from service.reflectance.albedo.highlights import highlights, skin_detail, without_highlights
+from service.reflectance.albedo.highlights import highlights, without_highlights
 
 SKINS = {"dark": [0.16, 0.08, 0.05], "brown": [0.34, 0.19, 0.12], "light": [0.56, 0.37, 0.27]}
 SCALE = 192 / 576
@@ -62,52 +62,6 @@ def test_moles_lips_and_paler_patches_are_no_highlights(name: str) -> None:
         marked = np.asarray(skin * (1 + mark * (np.array(factor) - 1)), np.float32)
         found = highlights(marked, marked, everywhere(skin), SCALE)[0]
         assert np.abs(found).max() < 0.05 * skin[..., 0].max()
-
-
-@pytest.mark.parametrize("name", SKINS)
-def test_a_sheen_gets_the_colour_of_most_skin_and_not_of_the_reddest(name: str) -> None:
-    """Where a third of the skin around is flushed, as cheeks and chins are, a nose must not become pink."""
-    skin, mark = skin_of(name), spot(radius=4.0)[..., None]
-    flushed = np.zeros((*skin.shape[:2], 1), np.float32)
-    flushed[:, ::24] = 1
-    flushed = np.asarray(cv2.GaussianBlur(cv2.dilate(flushed, np.ones((1, 8), np.uint8)), (0, 0), 1))[..., None]
-    flushed *= np.hypot(*(np.indices(skin.shape[:2]) - np.array([60, 90]).reshape(2, 1, 1)))[..., None] > 9
-    around = np.asarray(skin * (1 + flushed * (np.array([1.0, 0.75, 0.7]) - 1)), np.float32)
-    shown = np.asarray(around + 0.5 * mark * skin[..., :1], np.float32)
-    made = (shown + highlights(shown, shown, everywhere(skin), SCALE)[0])[MIDDLE].mean((0, 1))
-    right = skin[MIDDLE].mean((0, 1))
-    assert (made[1:] / made[0] > 0.95 * right[1:] / right[0]).all()
-
-
-@pytest.mark.parametrize("name", SKINS)
-def test_pores_in_a_sheen_leave_no_net_of_dots(name: str) -> None:
-    """Taken off as a whole, a sheen left its bright dots and what lay between them too dark and too red."""
-    size = (2304, 1536)
-    skin = np.asarray(cv2.resize(skin_of(name, (576, 384)), size, interpolation=cv2.INTER_CUBIC), np.float32)
-    glossy = np.asarray(cv2.resize(spot((576, 384), 8.0), size), np.float32)
-    dots = np.clip(0.5 + 0.3 * np.random.default_rng(2).normal(size=size[::-1]), 0, 1).astype(np.float32)
-    dots = np.asarray(cv2.GaussianBlur(dots, (0, 0), 1.5), np.float32)
-    shown = np.asarray(skin + 1.2 * skin[..., :1] * (glossy * dots)[..., None], np.float32)
-    codes = np.rint(linear_to_srgb(shown) * FULL_CODE).astype(np.uint16)
-    mended = without_highlights(codes.copy(), codes, np.full(size[::-1], 255, np.uint8))
-    place = (slice(225, 255), slice(345, 375))
-
-    def net(linear: Float32) -> float:
-        error = (linear / skin)[place]
-        return float(np.asarray(error - cv2.GaussianBlur(error, (0, 0), 4)).std())
-
-    assert net(srgb_to_linear(mended * np.float32(1 / FULL_CODE))) < 0.5 * net(shown)
-
-
-def test_detail_of_the_skin_stays_and_the_lamp_s_goes() -> None:
-    skin = np.tile(np.array(SKINS["light"], np.float32), (4, 1))
-    own = np.array([[0.1], [-0.1], [0.0], [0.05]], np.float32) * skin
-    lamp = np.array([[0.0], [0.1], [0.1], [-0.05]], np.float32)
-    np.testing.assert_allclose(skin_detail(own + lamp, skin, np.ones(4, np.float32)), own, atol=1e-6)
-    np.testing.assert_array_equal(skin_detail(own + lamp, skin, np.zeros(4, np.float32)), own + lamp)
-    grey = np.full((4, 3), 0.3, np.float32)
-    assert not skin_detail(own + lamp, grey, np.ones(4, np.float32)).any(), "nothing is told apart there"
-    assert np.isfinite(skin_detail(own, 0 * skin, np.ones(4, np.float32))).all()
 
 
 def test_only_skin_is_judged() -> None:

@@ -15,7 +15,7 @@ from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.reflectance.reflectance_maps import NORMAL_ONE
-from service.reflectance.relief.folds import GROUPS, WIDTH, Creases, Strain, group_of, unfolded, unfolded_albedo
+from service.reflectance.relief.folds import WIDTH, Creases, Strain, unfolded, unfolded_albedo
 from service.reflectance.subject import GEOMETRY_SIZE
 
 SIZE = (WIDTH, WIDTH * 2 // 3)
@@ -92,21 +92,6 @@ def slopes(codes: npt.NDArray[Any]) -> Float:
     return np.asarray(-xy / np.sqrt(1 - (xy**2).sum(-1, keepdims=True)))
 
 
-def test_a_line_along_the_compression_is_the_persons() -> None:
-    row, column, across = place()
-    codes = groove(row, column, np.array([-across[1], across[0]]))
-    neutral, _ = unfolded(codes, creases())
-    assert energy(neutral, row, column) > 0.8 * energy(codes, row, column)
-
-
-def test_pores_stay() -> None:
-    row, column, _ = place()
-    noise = np.random.default_rng(3).normal(0, 0.1, (SIZE[1], SIZE[0], 2))
-    codes = np.asarray(np.rint(noise * NORMAL_ONE), np.int16)
-    neutral, _ = unfolded(codes, creases())
-    assert energy(neutral, row, column) > 0.85 * energy(codes, row, column)
-
-
 def test_where_nothing_is_compressed_no_texel_changes() -> None:
     codes = np.asarray(np.rint(np.random.default_rng(3).normal(0, 0.1, (*SIZE[::-1], 2)) * NORMAL_ONE), np.int16)
     albedo = np.random.default_rng(4).integers(0, 65536, (*SIZE[::-1], 3), np.uint16)
@@ -122,15 +107,6 @@ def line(row: int, column: int, across: Float) -> Float:
     d = (u - column) * across[0] + (v - row) * across[1]
     length = -(u - column) * across[1] + (v - row) * across[0]
     return np.asarray(np.exp(-((d / 3.0) ** 2)) * np.exp(-((length / 20.0) ** 4)))
-
-
-def test_a_dark_fold_leaves_the_albedo() -> None:
-    row, column, across = place()
-    dark = 0.3 * line(row, column, across)
-    albedo = np.asarray(np.rint(40000 * (1 - dark[..., None]) * np.ones(3)), np.uint16)
-    made = unfolded_albedo(albedo, creases())
-    assert made[row, column, 0] > 40000 * (1 - 0.3 * 0.4), "less than 40 % of the line is left"
-    assert (made >= albedo).all() and made.max() <= 40000 * 1.02
 
 
 def test_a_nearly_black_shadow_along_a_fold_does_not_glow() -> None:
@@ -149,22 +125,6 @@ def test_a_nearly_black_shadow_along_a_fold_does_not_glow() -> None:
 def test_a_face_at_rest_folds_nothing(units: dict[str, float]) -> None:
     """Without creases no stage touches the maps, so they are the same bytes."""
     assert Creases.of(chart(), fit(units)) is None
-
-
-def test_brows_and_smile_are_told_apart() -> None:
-    both = Creases.of(chart(), fit({**SMILE, "browDownLeft": 1.0, "browDownRight": 1.0}))
-    assert both is not None and {"smile", "brows"} <= set(both.units)
-    forehead = chart().interpolate(chart().head.region("forehead"))[..., 0] > 0.5
-    there = both.group[forehead & (both.weights.max(0) > 0)]
-    assert len(there) and (there == list(GROUPS).index("brows")).mean() > 0.7
-
-
-@pytest.mark.parametrize(
-    ("unit", "name"),
-    [("browInnerUp", "brows"), ("mouthSmileLeft", "smile"), ("mouthPucker", "mouth"), ("jawOpen", "mouth")],
-)
-def test_every_unit_has_a_group(unit: str, name: str) -> None:
-    assert group_of(unit) == name
 
 
 def forms(du: tuple[float, float, float], dv: tuple[float, float, float]) -> np.ndarray:
@@ -187,13 +147,6 @@ def test_a_known_stretch_is_found_on_a_slanted_chart() -> None:
     assert abs(stretch[0, 0] - 0.7) < 1e-5
     assert abs(abs(across[0, 0] @ axis) - 1) < 1e-5
     assert abs(strain.along(across)[0, 0] - 0.7) < 1e-5
-
-
-def test_turning_and_moving_is_no_strain() -> None:
-    still = forms((2, 0, 0), (0.6, 1.5, 0))
-    turned = forms((0, 0, 2), (0, 1.5, 0.6))
-    stretch, _ = Strain.of(still, turned).smallest()
-    np.testing.assert_allclose(stretch, 1, atol=1e-6)
 
 
 def test_a_chart_without_area_is_still() -> None:

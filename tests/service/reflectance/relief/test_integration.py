@@ -8,8 +8,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.levels import LEVELS
-from service.options import Options
 from service.reflectance.reflectance_maps import unpack_normals
 from service.reflectance.relief import integration as cliffs
 from service.reflectance.relief.displacement import MOST_MM, Steps, displacement
@@ -43,14 +41,6 @@ def test_a_quadratic_is_exact(shape: tuple[int, int]) -> None:
     assert abs(float(solved.height.mean())) < 1e-3
 
 
-def test_an_overall_slope_does_not_wrap_around() -> None:
-    """A transform that takes the map for periodic turns a plane into a wave of its own height."""
-    x, _ = grid(64, 96)
-    plane = np.full((64, 96), 0.5, np.float32)
-    solved = integrate(plane, np.zeros_like(plane), np.ones(plane.shape, bool))
-    assert off(solved.height, 0.5 * x, np.ones(plane.shape, bool)) < 0.01 * 48
-
-
 def test_nothing_is_asked_across_the_border_of_a_mask() -> None:
     """A disc and a bar with a hole: right inside although outside there is nonsense, and independent of each other."""
     x, y = grid(80, 120)
@@ -74,23 +64,6 @@ def test_masks_with_no_edge(count: int) -> None:
     solved = integrate(np.ones((5, 7), np.float32), np.ones((5, 7), np.float32), mask)
     assert (solved.height == 0).all()
     assert solved.steps == 0
-
-
-def test_the_few_steps_of_the_default_are_enough() -> None:
-    """On a mask of many pieces, where the rectangle's solution is least like the true one."""
-    rng = np.random.default_rng(1)
-    x, y = grid(128, 192)
-    mask = (np.hypot((x % 48) - 24, (y % 43) - 21) < 19) | (y > 100)
-    right, down = (rng.normal(0, 1, mask.shape).astype(np.float32) for _ in range(2))
-    quick, exact = integrate(right, down, mask), integrate(right, down, mask, tolerance=0, most_steps=200)
-    assert quick.steps < 12
-    assert quick.residual <= 3e-3
-    assert off(quick.height, exact.height, mask) < 0.03 * exact.height.std()
-
-
-def test_shapes_must_agree() -> None:
-    with pytest.raises(ValueError, match="one shape"):
-        integrate(np.zeros((3, 4), np.float32), np.zeros((3, 4), np.float32), np.ones((4, 3), bool))
 
 
 def test_a_mask_in_a_corner_of_a_large_map() -> None:
@@ -188,6 +161,22 @@ def test_masks_without_an_equation(count: int) -> None:
     assert not gained.any() and cut == 0
 
 
+def test_unusable_and_grazing_normals_do_not_break_it() -> None:
+    """NaN, zeros and normals in the surface on two percent of the map: heights are finite and held to a millimetre."""
+    _, right, down, _ = torn(0.6)
+    codes = pack_normals(-right / MM, down / MM, np.ones_like(right))
+    normals = unpack_normals(codes)
+    rng = np.random.default_rng(5)
+    for vector in ([np.nan, 0, 1], [0, 0, 0], [1, 0, 0], [0, 1, 1e-9]):
+        normals[rng.random(ALL.shape) < 0.005] = vector
+    one = np.ones((TALL, WIDE), np.float32)
+    steps = Steps(MM * one, 0 * one, MM * one, WIDE)
+    found, facts = displacement(pack_normals(*np.moveaxis(normals, 2, 0)), steps, ALL, keep_cliffs=True)
+    assert np.isfinite(found).all() and np.abs(found).max() <= MOST_MM
+    assert facts.cut_fraction is not None and 0 < facts.cut_fraction < 0.1
+    assert displacement(codes, steps, ALL)[1].cut_fraction is None
+
+
 def test_a_map_wider_than_it_is_solved_at(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same tear on 4 times as many texels, with nonsense outside the mask: the correction is the same.
 
@@ -207,24 +196,3 @@ def test_a_map_wider_than_it_is_solved_at(monkeypatch: pytest.MonkeyPatch) -> No
     for where, gain in ((distance < 1, 2.0), (distance > 3, 3.0)):
         left = plain + gained.reshape(TALL, 2, WIDE, 2).mean((1, 3))
         assert rms_um(left, height, where & whole) < rms_um(plain, height, where & whole) / gain
-
-
-def test_unusable_and_grazing_normals_do_not_break_it() -> None:
-    """NaN, zeros and normals in the surface on two percent of the map: heights are finite and held to a millimetre."""
-    _, right, down, _ = torn(0.6)
-    codes = pack_normals(-right / MM, down / MM, np.ones_like(right))
-    normals = unpack_normals(codes)
-    rng = np.random.default_rng(5)
-    for vector in ([np.nan, 0, 1], [0, 0, 0], [1, 0, 0], [0, 1, 1e-9]):
-        normals[rng.random(ALL.shape) < 0.005] = vector
-    one = np.ones((TALL, WIDE), np.float32)
-    steps = Steps(MM * one, 0 * one, MM * one, WIDE)
-    found, facts = displacement(pack_normals(*np.moveaxis(normals, 2, 0)), steps, ALL, keep_cliffs=True)
-    assert np.isfinite(found).all() and np.abs(found).max() <= MOST_MM
-    assert facts.cut_fraction is not None and 0 < facts.cut_fraction < 0.1
-    assert displacement(codes, steps, ALL)[1].cut_fraction is None
-
-
-def test_only_the_finest_level_keeps_cliffs() -> None:
-    kept = {name: Options(quality=name).plan().keep_cliffs for name in LEVELS}  # type: ignore[arg-type]
-    assert kept == {"draft": False, "standard": False, "high": False, "reference": True}

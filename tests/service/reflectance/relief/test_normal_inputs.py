@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -11,18 +9,12 @@ import pytest
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, linear_to_srgb
-from service.reflectance import reflectance as make
-from service.reflectance.albedo.highlights import without_highlights
 from service.reflectance.planes import Planes
-from service.reflectance.reflectance import make_reflectance
-from service.reflectance.reflectance_plan import ReflectancePlan
-from service.reflectance.relief.normal_inputs import READERS, drawn_detail, shaded_grey, without_border
+from service.reflectance.relief.normal_inputs import drawn_detail, shaded_grey, without_border
 from service.reflectance.subject import GEOMETRY_SIZE
 from service.runtime.network_registry import CONTEXT as LIGHT
 from service.runtime.network_registry import LIT
-from service.runtime.networks import Engine
 from service.texture.photo_detail import Octave
-from tests.service.reflectance.toys import noise, toy_folder, toy_subject
 
 Float = npt.NDArray[np.float32]
 
@@ -73,42 +65,6 @@ def test_any_light_gives_a_value(strength: float) -> None:
                                                     albedo)[:, 50:])  # fmt: skip
 
 
-def test_without_a_known_light_it_is_the_luma_of_the_albedo() -> None:
-    """Of a delta that has no context; the texture's light would be read as relief."""
-    texture, albedo, _ = in_light(np.zeros(SIZE[::-1], np.float32))
-    planes = Planes(SIZE)
-    planes.add_codes("texture", texture)
-    assert np.abs(shaded_grey(planes, albedo) - (albedo @ LUMA)).max() < 1
-
-
-def test_a_highlight_goes_from_the_grey_as_from_the_albedo() -> None:
-    """Its border would be read as a rim."""
-    y, x = np.indices((128, 192))
-    spot = np.exp(-((x - 90) ** 2 + (y - 60) ** 2) / (2 * 4.0**2)).astype(np.float32)[..., None]
-    skin = np.broadcast_to(ALBEDO, (128, 192, 3))
-    shown = codes_of(np.minimum(skin + 0.5 * spot, 1).astype(np.float32))
-    albedo, grey = shown.copy(), np.rint(shown @ LUMA).astype(np.uint16)
-    before = albedo @ LUMA
-    without_highlights(albedo, shown, np.full((128, 192), 255, np.uint8), grey=grey)
-    assert before[60, 90] - float(albedo[60, 90] @ LUMA) > 0.05 * FULL_CODE
-    assert np.abs(grey.astype(np.float32) - albedo @ LUMA).max() < 3
-
-
-def test_it_is_made_only_where_a_network_reads_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """25 million texels that nobody asked for would take a second."""
-    engine, calls = Engine(threads=1, folder=toy_folder(tmp_path)), []
-
-    def counted(*given: Planes) -> npt.NDArray[np.uint16]:
-        calls.append(1)
-        return shaded_grey(*given)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(make, "shaded_grey", counted)
-    for roles, times in (({"diffuse_albedo", "specular_albedo"}, 0), (READERS, 1)):
-        calls.clear()
-        make_reflectance(noise(), toy_subject(), ReflectancePlan.of(roles), (240, 160), engine)
-        assert len(calls) == times
-
-
 HALF = np.repeat(np.array([[1, 0]], np.float32), 288, 1)[[0] * 384]
 """A photo that shows the left half of a texture of 576 x 384."""
 
@@ -117,35 +73,11 @@ def octaves(*shares: float) -> list[Octave]:
     return [Octave(0.13 * 2**k, 0.27 * 2**k, share) for k, share in enumerate(shares)]
 
 
-def test_a_resampled_texture_has_no_drawn_detail() -> None:
-    assert (drawn_detail(HALF, octaves(0, 0), 0.0) == -1).all()
-    assert (drawn_detail(None, (), 0.0) == -1).all()
-
-
-def test_without_a_photo_all_detail_is_drawn() -> None:
-    drawn = drawn_detail(None, (), 1.0)
-    assert drawn.shape == GEOMETRY_SIZE[::-1] and (drawn == 1).all()
-    assert (drawn_detail(HALF, (), 1.0) == 1).all(), "a photo of which nothing was brought onto the map"
-
-
-def test_less_drawn_detail_is_told_as_less() -> None:
-    """``--detail 0.5`` makes pores half as deep in the colour; relief at full strength would not belong to them."""
-    assert (drawn_detail(None, (), 0.5) == 0).all()
-
-
 def test_a_sharp_photo_draws_its_own_skin_and_no_more() -> None:
     """Else rho would read relief off the pigment of the one, and leave the other without pores."""
     drawn = drawn_detail(HALF, octaves(1, 1, 1, 1, 1), 1.0)
     width = GEOMETRY_SIZE[0]
     assert (drawn[:, : width // 2 - 2] == -1).all() and (drawn[:, width // 2 + 2 :] == 1).all()
-
-
-@pytest.mark.parametrize("shares", [(0.0, 0.0, 0.2, 0.8, 1.0), (0.1, 0.9), (0.5,)])
-def test_a_soft_photo_lies_between(shares: tuple[float, ...]) -> None:
-    """Less of what is fine is the photo's than of what is coarse; fine octaves hold most of the relief."""
-    left = drawn_detail(HALF, octaves(*shares), 1.0)[:, 5]
-    assert ((left > -1) & (left < 1)).all()
-    assert len(shares) == 1 or (1 - left.mean()) / 2 < np.mean(shares) + 1e-6
 
 
 def test_shares_out_of_range_stay_in_it() -> None:

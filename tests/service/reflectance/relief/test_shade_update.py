@@ -10,7 +10,6 @@ from service.light.formulas import LUMINANCE, sh_basis
 from service.reflectance.reflectance_maps import NORMAL_ONE
 from service.reflectance.relief.shade_update import GAMMA, PIGMENT, RELIEF, UNTOLD, updated, with_shade
 from service.reflectance.subject import sensitivity
-from service.texture import photo_sampling
 from tests.toyhead import sphere_head
 
 WIDTH, HEIGHT = 6144, 256
@@ -60,26 +59,6 @@ def test_waves_in_a_known_light_come_back_by_the_closed_form() -> None:
 def test_without_trust_or_direction_nothing_changes(still: tuple[np.ndarray, np.ndarray]) -> None:
     grey, flat = waves()
     assert not with_shade(flat, grey, *still, OCTAVES).any()
-
-
-def test_octaves_that_the_photo_does_not_tell_do_not_change() -> None:
-    grey, flat = waves()
-    told = with_shade(flat.copy(), grey, *planes(), (1.0, 0.0, 0.0, 0.0))
-    whole = with_shade(flat.copy(), grey, *planes(), OCTAVES)
-    assert np.abs(told).max() < 0.25 * np.abs(whole).max()
-    assert not with_shade(flat.copy(), grey, *planes(), ()).any()
-
-
-def test_strips_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(0)
-    grey = rng.integers(20000, 40000, (512, 1536)).astype(np.uint16)
-    normals = rng.integers(-3000, 3000, (512, 1536, 2)).astype(np.int16)
-    results = []
-    for rows in (1024, 64):
-        monkeypatch.setattr(photo_sampling, "STRIP", rows)
-        results.append(with_shade(normals.copy(), grey, *planes(), OCTAVES).astype(int))
-    assert np.abs(results[0] - normals).max() > 100
-    assert np.abs(results[0] - results[1]).max() <= 3
 
 
 def test_the_light_s_answer_is_the_derivative_of_its_logarithm() -> None:
