@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from service.head.model import HeadModel
 
@@ -87,9 +88,7 @@ def _split(quads: Ints) -> tuple[Ints, Ints]:
 
 def _mirror(vertices: Array) -> Ints:
     """Partner of each vertex: the nearest one to its reflection (exact here)."""
-    reflected = vertices * [-1.0, 1.0, 1.0]
-    distance = np.linalg.norm(reflected[:, None] - vertices[None], axis=2)
-    return np.asarray(distance.argmin(1))
+    return np.asarray(cKDTree(vertices).query(vertices * [-1.0, 1.0, 1.0])[1])
 
 
 def sphere_head(rings: int = 24, segments: int = 48) -> HeadModel:

@@ -1,9 +1,7 @@
-"""Corrections on trial: photos, sitters, scores, verdicts."""
+"""How far an albedo is from the truth: the scores of corrections on trial."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -11,29 +9,23 @@ import numpy as np
 import pytest
 
 pytest.importorskip("torch")
+pytest.importorskip("skimage")
 
-from benchmarks.corrections.photos import (
-    Photo,
-)
-from benchmarks.corrections.score import Judge, Score
-from benchmarks.corrections.trial import Verdicts, tried
+from benchmarks.corrections.photos import Photo
+from benchmarks.corrections.score import Judge
 from benchmarks.heads import TexturedHead
 from benchmarks.metrics import View, at_chart
 from benchmarks.render import Exposure, Shot
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
 from service.geometry.chart import Chart
-from service.stage_cache import StageCache
 from tests.toyhead import EYE_RADIUS, EYE_X, sphere_head
+
+pytestmark = pytest.mark.train
 
 
 def linear(pixels: np.ndarray) -> np.ndarray:
     return srgb_to_linear(pixels.astype(np.float32) / 255)
-
-
-pytest.importorskip("torch")
-pytest.importorskip("skimage")
-
 
 SIZE = 160
 
@@ -127,65 +119,3 @@ def test_heads_that_share_nothing_are_an_error() -> None:
     photo.truth.skin[:] = False
     with pytest.raises(ValueError, match="toy"):
         Judge.of(photo, avatar)
-
-
-pytest.importorskip("torch")
-
-
-pytest.importorskip("torch")
-
-
-MAPS = (96, 64)
-
-
-@dataclass(frozen=True)
-class Rule:
-    name: str
-    adds: float
-    cases: tuple[str, ...] = ()
-    mends: str = "A sentence."
-
-
-@dataclass
-class Toy:
-    """Rules that add a constant to an albedo of 0.5; the truth has 0.6."""
-
-    registry: Sequence[Any]
-    told: bool = True
-    runs: list[tuple[str, ...]] = field(default_factory=list)
-
-    def make(self, data: bytes, without: Sequence[str], stages: StageCache) -> Any:
-        self.runs.append(tuple(without))
-        value = stages.get_or_compute(
-            "diffuse_albedo", lambda: 0.5 + sum(one.adds for one in self.registry if one.name not in without)
-        )
-        albedo = np.full((*MAPS[::-1], 3), round(65535 * value), np.uint16)
-        confidence = np.full(MAPS[::-1], 255, np.uint8)
-        confidence[:, : MAPS[0] // 2] = 0
-        return SimpleNamespace(
-            head=sphere_head(),
-            reflectance=SimpleNamespace(diffuse_albedo=albedo, size=MAPS),
-            texture=SimpleNamespace(confidence=confidence, warnings=("little-seen",)),
-            fit=SimpleNamespace(warnings=()),
-        )
-
-    def changed(self, avatar: Any) -> dict[str, int]:
-        return {rule.name: int(rule.adds != 0) for rule in self.registry} if self.told else {}
-
-
-class Scorer:
-    """Decibels are a hundredth of the error, upside down."""
-
-    def score(self, albedo: np.ndarray) -> Score:
-        error = abs(float(albedo.mean()) - 0.6)
-        return Score(-100 * error, -200 * error, 10 * error, float("nan"))
-
-    def flat(self) -> Score:
-        return self.score(np.full((2, 2, 3), 0.55))
-
-
-GOOD, BAD, IDLE = Rule("good", 0.1, ("hard",)), Rule("bad", 0.02), Rule("idle", 0.0)
-
-
-def verdicts(toy: Toy, groups: tuple[str, ...] = ("hard",)) -> Verdicts:
-    return tried("photo", groups, b"", toy, lambda avatar: Scorer())  # type: ignore[arg-type, return-value]

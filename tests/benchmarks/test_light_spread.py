@@ -11,6 +11,8 @@ from benchmarks.heads import TexturedHead
 from benchmarks.light_spread import psnr, true_albedo
 from service.colour import linear_to_srgb, srgb_to_linear
 
+pytestmark = pytest.mark.train
+
 RNG = np.random.default_rng(0)
 
 

@@ -12,6 +12,8 @@ pytest.importorskip("torch")
 
 from benchmarks.subjects import PUPILS_M, SCAN_LIDS, scan
 
+pytestmark = pytest.mark.train
+
 
 def test_the_scan_comes_in_metres_with_its_colours_the_right_way_up(tmp_path: Path) -> None:
     """Two triangles, high ones and low ones on the chart as in the file: v counted from the bottom."""

@@ -15,16 +15,10 @@ from service.anatomy.mouth import (
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.face.features.mouth import TOOTH
 from service.geometry.chart import Chart
-from service.head.files import load_head
 from tests.toyhead import sphere_head
 
 UP = np.array([0.0, 1.0, 0.0])
 TEETH = linear_to_srgb(TOOTH)
-
-
-@pytest.fixture(scope="module")
-def chart() -> Chart:
-    return Chart.build(load_head(), 576, 384)
 
 
 def test_crowns_end_a_centimetre_from_the_biting_edge() -> None:

@@ -75,6 +75,7 @@ def test_a_process_that_dies_is_a_fault_not_a_hang() -> None:
         isolated(leave)
 
 
+@pytest.mark.slow
 def test_the_table_of_real_avatars(tmp_path: Path) -> None:
     """Three sizes of the sample: less is lost the nearer they come to the largest, and a run that fails is told."""
     options = Options(quality="draft", face="largest", fit="landmarks", hair="none")

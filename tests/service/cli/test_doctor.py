@@ -21,6 +21,7 @@ def trial_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "self_test", lambda: (trial, []))
 
 
+@pytest.mark.slow
 def test_the_shipped_installation_is_well() -> None:
     child = subprocess.run([sys.executable, "-m", "service", "doctor", "--json"], cwd=ROOT, capture_output=True)
     findings = json.loads(child.stdout)

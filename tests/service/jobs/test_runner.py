@@ -87,7 +87,7 @@ def test_a_job_that_takes_its_worker_along_ends(bench: Bench) -> None:
 
 def test_a_job_rests_before_it_is_blamed_for_lost_workers(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """The longer, the more were lost; it can be cancelled meanwhile."""
-    monkeypatch.setattr(running, "REST", 0.05)
+    monkeypatch.setattr(running, "REST", 0.01)
     job = bench.add(seed=5)
     rests = []
     for lost in range(running.LOSSES):
@@ -97,7 +97,7 @@ def test_a_job_rests_before_it_is_blamed_for_lost_workers(bench: Bench, monkeypa
         assert bench.store.attempt(job) == lost
     assert max(rests[: running.SUSPECTED]) < 0.05 + min(rests)
     for count, seconds in enumerate(rests[running.SUSPECTED :]):
-        assert seconds >= 0.05 * 2**count
+        assert seconds >= 0.01 * 2**count
     assert state(bench, job)["resting"] == 0
     monkeypatch.setattr(running, "REST", 60.0)
     bench.store.set(job, losses=running.LOSSES - 1)
