@@ -10,13 +10,6 @@ JOB = "a" * 32
 DIGEST = "0" * 64
 
 
-def put(artifacts: Artifacts, folder: Path, name: str, content: bytes = b"content") -> None:
-    source = folder / "source"
-    source.write_bytes(content)
-    artifacts.put(source, name)
-    assert not source.exists()
-
-
 @pytest.fixture(params=["file", "memory"])
 def artifacts(request: pytest.FixtureRequest, tmp_path: Path) -> Artifacts:
     """On a disk, and in a store that is none."""

@@ -8,31 +8,6 @@ import pytest
 
 from service.machine import memory_bytes, processors
 
-_PROGRAM = """
-import os, sys, threading
-from service.jobs.limits import give_back_memory
-from service.jobs.process import resident_mb
-if sys.argv[1] == "yes":
-    give_back_memory()
-
-def work():
-    for _ in range(3):
-        block = b"x" * (12 << 20)
-        together.wait()
-        del block
-        together.wait()
-
-before = resident_mb(os.getpid())
-together = threading.Barrier(8)
-threads = [threading.Thread(target=work) for _ in range(8)]
-for thread in threads:
-    thread.start()
-for thread in threads:
-    thread.join()
-print(resident_mb(os.getpid()) - before)
-"""
-
-
 GIB = 1 << 30
 
 
