@@ -12,6 +12,7 @@ import httpx
 import pytest
 from PIL import Image
 
+from service.client.client import canonical, idempotency_key, photo_sha256
 from service.diagnosis import SAMPLE
 from tests.end_to_end.command import ROOT, avatarme
 from tests.support.server import Server, wait_for
@@ -70,10 +71,11 @@ class Service:
     server: Server
     client: httpx.Client
 
-    def post(self, photo: bytes, options: dict[str, Any] = SMALL) -> str:
-        """Hand a photo in; returns the job."""
-        files: Any = {"image": ("photo", photo), "options": (None, json.dumps(options), "application/json")}
-        answer = self.client.post("/v1/avatars", files=files)
+    def post(self, photo: bytes, name: str = "photo") -> str:
+        """Hand a photo in; returns the job, which is that of ``avatarme batch --server`` for a file of this name."""
+        files: Any = {"image": ("photo", photo), "options": (None, json.dumps(SMALL), "application/json")}
+        key = idempotency_key(photo_sha256(photo), canonical(SMALL), name, 1, 0)
+        answer = self.client.post("/v1/avatars", files=files, headers={"Idempotency-Key": key})
         assert answer.status_code == 202, answer.text
         job: str = answer.json()["id"]
         return job
@@ -98,7 +100,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 @pytest.fixture(scope="session")
 def jobs(service: Service, photos: Path) -> dict[str, str]:
     """The photos handed in at once; job by photo."""
-    return {path.stem: service.post(path.read_bytes()) for path in sorted(photos.iterdir())}
+    return {path.stem: service.post(path.read_bytes(), path.name) for path in sorted(photos.iterdir())}
 
 
 @pytest.fixture(scope="session")

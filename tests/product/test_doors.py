@@ -54,13 +54,18 @@ def test_what_is_worn_was_noticed(local: Archives) -> None:
     assert all(any(entry["role"].startswith("wrinkle") for entry in maps) for maps in folds.values())
 
 
-def test_a_folder_at_the_server(service: Service, photos: Path, local: Archives, tmp_path: Path) -> None:
+def test_a_folder_at_the_server(
+    service: Service, jobs: dict[str, str], served: Archives, photos: Path, tmp_path: Path
+) -> None:
+    """The jobs of before are found again and not computed a second time; those that were fetched are erased."""
     (tmp_path / "in").mkdir()
     for name in ("mouth_open.jpg", "wide_smile.heic"):
         (tmp_path / "in" / name).write_bytes((photos / name).read_bytes())
     run = avatarme("batch", tmp_path / "in", tmp_path / "out", "--server", service.server.url, *FLAGS)
     assert run.status == 0, run.stderr
-    assert archives_in(tmp_path / "out") == {name: local[name] for name in ("mouth_open", "wide_smile")}
+    assert archives_in(tmp_path / "out") == {name: served[name] for name in ("mouth_open", "wide_smile")}
+    left = {name: service.client.get(f"/v1/avatars/{job}").status_code for name, job in jobs.items()}
+    assert left == {name: 410 if name in ("mouth_open", "wide_smile") else 200 for name in NAMES}
 
 
 def test_48_megapixels_of_a_jpeg(service: Service, local: Archives) -> None:

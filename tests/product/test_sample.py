@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 import zipfile
 from dataclasses import dataclass
@@ -10,10 +12,13 @@ from typing import Any
 
 import jsonschema
 import pytest
+from PIL import Image
 
+from service import diagnosis
 from service.diagnosis import SAMPLE
 from tests.end_to_end.command import ROOT, Ran, avatarme
 from tests.product.maps import Looks, looks_of
+from tests.service.archive.test_meshes import validator_report
 
 LEAST_COSINE = 0.693
 """Likeness of head and photo by the identity network: 0.743 now, less 0.05."""
@@ -111,3 +116,26 @@ def test_the_texture_is_enlarged_and_the_photos_own_detail_is_looked_for(full: M
     octaves = made["detail"]["octaves"]
     assert len(octaves) >= 4
     assert all(octave["share"] < 0.1 for octave in octaves), "0.6 pixels to the millimetre hold nothing so fine"
+
+
+def test_the_manifest_describes_the_files(draft: Made) -> None:
+    with zipfile.ZipFile(draft.path) as opened:
+        members = {entry.filename: opened.read(entry) for entry in opened.infolist()}
+        assert {entry.compress_type for entry in opened.infolist()} == {zipfile.ZIP_STORED}
+        assert {entry.date_time for entry in opened.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+    listed = {entry["path"]: (entry["size"], entry["sha256"]) for entry in draft.manifest["files"]}
+    found = {name: (len(data), hashlib.sha256(data).hexdigest()) for name, data in members.items()}
+    assert listed == {name: facts for name, facts in found.items() if name != "manifest.json"}
+    assert {path.split("/")[0] for path in listed} == {"LICENSES.md", "maps", "mesh", "preview"}
+    for entry in draft.manifest["maps"]:
+        with Image.open(io.BytesIO(members[entry["path"]])) as image:
+            assert image.size == (entry["width"], entry["height"])
+    used = {model["sha256"] for model in draft.manifest["models"]}
+    assert len(used) >= 10 and used <= {file.sha256 for file in diagnosis.shipped_files()}
+
+
+def test_the_khronos_validator_accepts_the_head(draft: Made, tmp_path: Path) -> None:
+    with zipfile.ZipFile(draft.path) as opened:
+        glb = opened.read("mesh/head.glb")
+    issues = validator_report(glb, tmp_path)["issues"]
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
