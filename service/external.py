@@ -20,7 +20,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from service.archive.avatar import Avatar, model_cards
-from service.archive.manifest import Given
 from service.arrays import Float32, Float64, Int64, UInt8
 from service.diagnosis import peak_rss_mb
 from service.errors import BadAspect, BadMesh, NumericFault, UsageError
@@ -31,6 +30,7 @@ from service.geometry.chart import NO_PART, Chart, nearest_inside
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.levels import TEXTURE_SIZE
+from service.manifest import Given
 from service.map_registry import MAP_NAMES
 from service.options import Options, installed
 from service.photo.gate import read_photo

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from service.archive.manifest import IdentitySimilarity
 from service.arrays import UInt8
 from service.colour import bytes_to_linear
 from service.face.finder import Face
@@ -18,6 +17,7 @@ from service.face.fit.fit import Fit
 from service.face.fit.landmark_fit import at_barycentric
 from service.face.identity import Recogniser, centred_cosine, distance, population
 from service.head.model import HeadModel
+from service.manifest import IdentitySimilarity
 from service.materials.part import MeshPart
 from service.photo.photo import Photo
 from service.render.draw import DrawnHead, over, see, sketch

@@ -18,8 +18,8 @@ NOT_IN_SERVICE = {"torch", "torchvision", "tensorflow", "anny", "onnx", "onnxscr
 ORDER = {
     "service": (
         # What everything stands on.
-        "errors", "machine", "places", "arrays", "robust", "checks", "stage_cache", "levels", "map_registry",
-        "image_filters", "colour", "diagnosis", "photo", "head", "geometry", "materials", "runtime",
+        "errors", "machine", "places", "manifest", "arrays", "robust", "checks", "stage_cache", "levels",
+        "map_registry", "image_filters", "colour", "diagnosis", "photo", "head", "geometry", "materials", "runtime",
         # From the photo to the maps, and their files.
         "light", "render", "face", "hair", "anatomy", "texture", "reflectance", "archive",
         # The whole way, and who asks for it.

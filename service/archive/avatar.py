@@ -12,15 +12,14 @@ from typing import Any
 
 from service import GENERATOR
 from service.anatomy.items import FILE as ITEMS_FILE
-from service.archive.manifest import Given, IdentitySimilarity, Model
 from service.arrays import UInt8
 from service.face.finder import Face
 from service.face.fit.fit import Fit
-from service.face.several import LeftOut
 from service.hair.bank import FILE as BANK_FILE
 from service.hair.worn_hair import WornHair
 from service.head.files import DEFAULT_HEAD
 from service.head.model import HeadModel
+from service.manifest import Given, IdentitySimilarity, LeftOut, Model
 from service.materials.part import MeshPart, check_parts, head_parts
 from service.photo.photo import Photo
 from service.reflectance.albedo.albedo_prior import FILE as PRIOR_FILE

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from service import PROGRAM, __version__
-from service.archive import manifest as m
+from service import manifest as m
 from service.archive.avatar import Avatar, Source
 from service.archive.container import MEMBERS, in_order
 from service.archive.glb import weights_by_name
@@ -91,7 +91,7 @@ def describe(
         warnings=list(avatar.all_warnings()),
         overlay=_overlay(avatar) if photo else None,
         photos=[_used(avatar, one) for one in avatar.sources],
-        left_out=[m.LeftOut(one.sha256, one.code, one.message) for one in avatar.left_out],
+        left_out=list(avatar.left_out),
     )  # fmt: skip
 
 
@@ -172,10 +172,6 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
     made = avatar.reflectance
     if made is None:
         return None
-    solved, detail = made.integration, made.detail
-    if solved is not None:
-        cut = None if solved.cut_fraction is None else round(solved.cut_fraction, 9)
-        rounded = round(solved.residual, 9), round(solved.ignored_fraction, 9), cut
     return _taken(
         m.Reflectance,
         made,
@@ -183,11 +179,6 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
         width=made.size[0],
         height=made.size[1],
         engines=dict(sorted(made.engines.items())),
-        integration=None if solved is None else m.Integration(solved.iterations, *rounded),
-        corrections=[_taken(m.Correction, one) for one in made.corrections],
-        detail=None
-        if detail is None
-        else _taken(m.Detail, detail, octaves=[_taken(m.Octave, one) for one in detail.octaves]),
     )
 
 

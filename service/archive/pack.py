@@ -17,7 +17,6 @@ from service.archive.container import write_file, write_stream
 from service.archive.describe import describe
 from service.archive.glb import Picture, glb_bytes, weights_by_name
 from service.archive.images import encode_jpeg, encode_png
-from service.archive.manifest import to_json
 from service.archive.maps import MapFiles, chart_pictures, chart_values, encode_map, map_files, map_wanted
 from service.archive.obj import data_maps, mtl_bytes, obj_bytes, parts_obj_bytes
 from service.archive.surfaces import displaced, joint_weights, skeleton, subdivided_head
@@ -25,6 +24,7 @@ from service.archive.usd import curves_bytes, usda_bytes
 from service.archive.usd_materials import mtlx_bytes
 from service.arrays import Float32
 from service.levels import LEVELS
+from service.manifest import to_json
 from service.map_registry import MAPS
 from service.materials.part import MeshPart, material_of
 from service.runtime.sessions import release

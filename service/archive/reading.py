@@ -10,7 +10,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from service.archive import manifest as m
+from service import manifest as m
 from service.archive.container import PART_TEXTURE, ArchiveFile
 from service.archive.obj import MAX_BYTES as MAX_OBJ
 from service.archive.obj import ObjMesh, read_obj

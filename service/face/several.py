@@ -23,6 +23,7 @@ from service.face.fit.fit_face import fit_views
 from service.face.identity import Recogniser, distance
 from service.face.reading.reader import Readers, Reading, View, read_face
 from service.head.model import HeadModel
+from service.manifest import LeftOut
 from service.photo.bundle import MOST
 from service.photo.gate import read_photo
 from service.photo.photo import Photo
@@ -96,21 +97,6 @@ def _sharpness(pixels: UInt8, face: Face) -> float:
 MOST_PIXELS = 120_000_000
 """Pixels of all photos together, 3 bytes each; several larger ones are made smaller."""
 SMALLER, SAME = "photo-made-smaller", "same-photo"
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """A photo that was not used.
-
-    Attributes:
-        sha256: of its bytes.
-        code: of the error that it would be alone, or ``same-photo``.
-        message: why.
-    """
-
-    sha256: str
-    code: str
-    message: str
 
 
 @dataclass(frozen=True)

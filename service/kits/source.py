@@ -10,7 +10,6 @@ import numpy as np
 
 from service.archive.container import ArchiveFile
 from service.archive.images import exr_bytes
-from service.archive.manifest import Part
 from service.archive.reading import described_parts, stored_material, unpack_map
 from service.archive.usd import REST, read_meshes
 from service.archive.usd_text import Prim
@@ -18,6 +17,7 @@ from service.arrays import Float32, Float64, Int32
 from service.colour import bytes_to_linear
 from service.errors import BadArchive, NumericFault, OutputFault
 from service.light.formulas import basis
+from service.manifest import Part
 from service.materials.material import Map, Material
 from service.materials.part import MeshPart
 

@@ -20,17 +20,18 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from service import manifest
 from service.arrays import UInt8
 from service.colour import Codes
 from service.geometry.chart import NO_PART
 from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo.albedo_error import error_map
 from service.reflectance.albedo.beside_skin import darkened, pad_parts, pad_skin
-from service.reflectance.albedo.corrections import Applied, Ledger
+from service.reflectance.albedo.corrections import Ledger
 from service.reflectance.albedo.diffuse_albedo import diffuse_albedo
 from service.reflectance.albedo.highlights import HIGHLIGHTS, without_highlights
 from service.reflectance.planes import Planes
-from service.reflectance.reflectance_maps import Integration, Reflectance, Wrinkle
+from service.reflectance.reflectance_maps import Reflectance, Wrinkle
 from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.relief.displacement import (
     MOST_MM,
@@ -52,11 +53,11 @@ from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.sessions import release
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
-from service.texture.photo_detail import OwnDetail, PhotoDetail
+from service.texture.photo_detail import OwnDetail
 
 T = TypeVar("T")
 
-Unlit = tuple[Codes, Codes | None, tuple[Applied, ...], PhotoDetail | None, UInt8 | None]
+Unlit = tuple[Codes, Codes | None, tuple[manifest.Correction, ...], manifest.Detail | None, UInt8 | None]
 """Albedo, shaded grey, corrections that ran, what of the detail is the photo's, and how far the albedo may be off."""
 
 Progress = Callable[[str, float], None]
@@ -230,7 +231,7 @@ def _displaced(
     size: tuple[int, int],
     skin: npt.NDArray[np.uint8],
     keep_cliffs: bool,
-) -> tuple[Codes, Integration]:
+) -> tuple[Codes, manifest.Integration]:
     """Displacement codes, and how the integration went."""
     steps = Steps.of(subject.chart, subject.vertices)
     part = subject.head.part_names.index("skin")

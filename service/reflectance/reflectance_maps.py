@@ -9,10 +9,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from service import manifest
 from service.arrays import Float32, UInt8, UInt16
-from service.reflectance.albedo.corrections import Applied
 from service.runtime.networks import RuntimeName
-from service.texture.photo_detail import PhotoDetail
 
 NORMAL_ONE = 32767
 """Code of 1 in the int16 components of normals."""
@@ -20,24 +19,6 @@ NORMAL_ONE = 32767
 MID = 32768
 SCALE_MM = 5e-5
 """Of displacement: height in mm = (code - MID) * SCALE_MM, in steps of 50 nm over +-1.6 mm, of which +-1 mm is used."""
-
-
-@dataclass(frozen=True)
-class Integration:
-    """How the integration of normals to heights went.
-
-    Attributes:
-        iterations: of the solver.
-        residual: norm of the residual relative to that of the right-hand side.
-        ignored_fraction: share of the texels whose normals were not usable.
-        cut_fraction: share of the equations between neighbours that were given up at cliffs; None: plain least squares
-            was used, which gives up none.
-    """
-
-    iterations: int
-    residual: float
-    ignored_fraction: float
-    cut_fraction: float | None = None
 
 
 @dataclass(frozen=True)
@@ -100,10 +81,10 @@ class Reflectance:
     fallbacks: tuple[str, ...] = ()
     models: tuple[str, ...] = ()
     engines: Mapping[str, str] = field(default_factory=dict)
-    integration: Integration | None = None
+    integration: manifest.Integration | None = None
     wrinkles: tuple[Wrinkle, ...] = ()
-    corrections: tuple[Applied, ...] = ()
-    detail: PhotoDetail | None = None
+    corrections: tuple[manifest.Correction, ...] = ()
+    detail: manifest.Detail | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -30,6 +30,7 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.image_filters import blurred, least, most, shrunk, stretched_to
 from service.levels import TEXTURE_SIZE
+from service.manifest import Detail, Octave
 from service.map_registry import SEEN
 from service.photo.photo import Photo
 from service.texture.photo_sampling import (
@@ -45,38 +46,6 @@ from service.texture.photo_sampling import (
 )
 from service.texture.sharpness import LEAST_LEFT, Sharpness, measure_sharpness
 from service.texture.texture import PhotoTexture, Texture
-
-
-@dataclass(frozen=True)
-class Octave:
-    """What of an octave is the photo's.
-
-    Attributes:
-        shortest_mm, longest_mm: periods on the face.
-        share: what the photo tells of the octave on skin that it shows, mean by area, in [0, 1]; the rest is made up.
-    """
-
-    shortest_mm: float
-    longest_mm: float
-    share: float
-
-
-@dataclass(frozen=True)
-class PhotoDetail:
-    """A photo's detail on a map.
-
-    Attributes:
-        octaves: of the map, finest first.
-        blur_px: standard deviation of the photo's point spread function at the face, pixels.
-        noise: standard deviation of the photo's noise, sRGB-coded luma, 1 = white.
-        pixels_per_mm: of the photo on the surface of regions that it shows, median.
-    """
-
-    octaves: tuple[Octave, ...]
-    blur_px: float
-    noise: float
-    pixels_per_mm: Mapping[str, float]
-
 
 AROUND, KERNEL = 1.5, (11, 11)
 """Standard deviation, texels of an octave's own level, of the neighbourhood over which its power is measured; and where
@@ -169,7 +138,7 @@ class OwnDetail:
         chosen = next((one for one in fitting if one >= width), fitting[-1])
         return chosen, chosen * 2 // 3
 
-    def onto(self, codes: Codes) -> PhotoDetail:
+    def onto(self, codes: Codes) -> Detail:
         """Bring the photo's detail onto a map, in place; nothing coarser than the texture's texels changes.
 
         Args:
@@ -190,8 +159,9 @@ class OwnDetail:
             areas.append(float(one.seen.sum()))
         return self._told(_together(found, areas))
 
-    def _told(self, octaves: tuple[Octave, ...]) -> PhotoDetail:
-        return PhotoDetail(octaves, round(self.sharpness.blur, 3), round(self.sharpness.noise, 5), self.pixels_per_mm)
+    def _told(self, octaves: tuple[Octave, ...]) -> Detail:
+        blur, noise = round(self.sharpness.blur, 3), round(self.sharpness.noise, 5)
+        return Detail(list(octaves), blur, noise, dict(self.pixels_per_mm))
 
 
 def _together(found: Sequence[tuple[Octave, ...]], areas: Sequence[float]) -> tuple[Octave, ...]:

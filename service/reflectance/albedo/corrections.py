@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from service import manifest
 from service.arrays import Float32
 from service.colour import linear_to_srgb
 from service.image_filters import most
@@ -30,21 +31,6 @@ class Correction:
     cases: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Applied:
-    """That a correction ran.
-
-    Attributes:
-        name: of the correction.
-        changed: texels whose colour or code it changed by more than ``SEEN_CHANGE``.
-        texels: how many it looked at.
-    """
-
-    name: str
-    changed: int
-    texels: int
-
-
 class Ledger:
     """Which corrections are switched off, and what the others changed."""
 
@@ -63,9 +49,9 @@ class Ledger:
         self._counts[correction.name] = (before[0] + int(changed), before[1] + int(texels))
 
     @property
-    def applied(self) -> tuple[Applied, ...]:
+    def applied(self) -> tuple[manifest.Correction, ...]:
         """In the order in which they first ran."""
-        return tuple(Applied(name, *counts) for name, counts in self._counts.items())
+        return tuple(manifest.Correction(name, *counts) for name, counts in self._counts.items())
 
 
 def changed_texels(before: Float32, after: Float32) -> tuple[int, int]:

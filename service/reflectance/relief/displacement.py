@@ -20,8 +20,9 @@ from service.arrays import AnyFloat, Bool, Float32, Float64, Int64, UInt16
 from service.geometry.chart import Chart, chart_points
 from service.head.model import HeadModel
 from service.image_filters import by_strips, shrunk, stretched_to
+from service.manifest import Integration
 from service.reflectance.planes import interpolated
-from service.reflectance.reflectance_maps import MID, SCALE_MM, Integration, unpack_normals
+from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
 from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, cliff_part, divergence, solve
 from service.reflectance.translate import MOST_ACROSS, STEEPEST_Z
 
@@ -115,7 +116,8 @@ def displacement(
     _fill_holes(height, usable, mask)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
     height *= mask
-    return height, Integration(solved.steps, solved.residual, ignored, cut)
+    facts = round(solved.residual, 9), round(ignored, 9), None if cut is None else round(cut, 9)
+    return height, Integration(solved.steps, *facts)
 
 
 def slopes(normals: Float32) -> tuple[Float32, Float32, Bool]:

@@ -27,12 +27,12 @@ import numpy as np
 from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, Codes
 from service.image_filters import blurred, by_strips, shrunk, stretched_to
+from service.manifest import Octave
 from service.reflectance.albedo.light_corrections import continued
 from service.reflectance.planes import Planes, interpolated
 from service.reflectance.relief.shade_update import RELIEF
 from service.reflectance.subject import GEOMETRY_SIZE
 from service.runtime.network_registry import CONTEXT, LIT, REGISTRY, SHADED_GREY
-from service.texture.photo_detail import Octave
 
 READERS = frozenset(one.stage for one in REGISTRY if SHADED_GREY in one.channels)
 """Stages that read shaded grey."""

@@ -10,12 +10,12 @@ from typing import Any
 import jsonschema
 import pytest
 
-from service.archive import manifest as schema
+from service import manifest as schema
 from service.archive.describe import describe
-from service.archive.manifest import from_json, json_schema, to_json
 from service.archive.maps import MapFiles
 from service.archive.pack import archive_members
 from service.errors import NumericFault, UnreadableInput
+from service.manifest import from_json, json_schema, to_json
 from tests.service.archive.toys import toy_avatar
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -28,7 +28,7 @@ def written() -> dict[str, Any]:
 
 
 def test_the_published_schema_is_current() -> None:
-    assert not schema.stale(), "run python -m service.archive.manifest"
+    assert not schema.stale(), "run python -m service.manifest"
 
 
 def test_manifests_validate_against_the_published_schema(written: dict[str, Any]) -> None:

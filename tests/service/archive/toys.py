@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from service.archive.avatar import Avatar
-from service.archive.manifest import IdentitySimilarity, Model
 from service.face.finder import Face
 from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
+from service.manifest import IdentitySimilarity, Integration, Model
 from service.map_registry import MAP_NAMES
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 from service.photo.photo import Photo
-from service.reflectance.reflectance_maps import Integration, Reflectance
+from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.relief.displacement import encode_heights
 from service.reflectance.surface_maps import surface_maps
 from service.reflectance.translate import pack_normals
@@ -122,7 +122,7 @@ def toy_reflectance() -> Reflectance:
         displacement=encode_heights(rng.normal(0, 0.05, shape).astype(np.float32)),
         tile=1024,
         super_resolution=True,
-        integration=Integration(4, 0.001, 0.0),
+        integration=Integration(4, 0.001, 0.0, None),
     )
 
 

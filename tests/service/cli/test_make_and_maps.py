@@ -21,7 +21,7 @@ from service.cli.app import app
 from service.cli.files import progress_bar
 from service.cli.make_and_maps import destination
 from service.errors import AvatarError, TooManyBytes, UnreadableInput, UsageError
-from service.face.several import LeftOut
+from service.manifest import LeftOut
 from service.options import Options
 from service.photo.limits import Limits, read_file
 

@@ -54,10 +54,10 @@ def test_a_stage_is_computed_once(artifacts: Artifacts, tmp_path: Path, mapped: 
 def test_a_job_that_gets_by_with_less_memory_makes_the_same_maps_and_says_so(tmp_path: Path) -> None:
     """The pipeline with small tiles and mapped stages, against itself without. No stage may write into what it gets."""
     from service import pipeline
-    from service.archive.manifest import from_json
     from service.archive.pack import write_archive
     from service.diagnosis import SAMPLE
     from service.jobs.avatar_process import options_from
+    from service.manifest import from_json
     from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
     from service.stage_cache import NoCache, StageCache
 

@@ -9,12 +9,12 @@ import pytest
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, linear_to_srgb
+from service.manifest import Octave
 from service.reflectance.planes import Planes
 from service.reflectance.relief.normal_inputs import drawn_detail, shaded_grey, without_border
 from service.reflectance.subject import GEOMETRY_SIZE
 from service.runtime.network_registry import CONTEXT as LIGHT
 from service.runtime.network_registry import LIT
-from service.texture.photo_detail import Octave
 
 Float = npt.NDArray[np.float32]
 

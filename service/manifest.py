@@ -507,8 +507,8 @@ def _not_finite(value: object, path: str = "$") -> str:
 
 
 PUBLISHED = (
-    Path(__file__).parents[2] / "docs" / "manifest.schema.json",
-    Path(__file__).parents[1] / "data" / "manifest.schema.json",
+    Path(__file__).parents[1] / "docs" / "manifest.schema.json",
+    Path(__file__).parent / "data" / "manifest.schema.json",
 )
 """For readers of the repository, and shipped with the package."""
 
@@ -523,7 +523,7 @@ def main(arguments: list[str]) -> int:
     """Exit status: 1 when ``--check`` finds a file out of date."""
     old = stale()
     if "--check" in arguments:
-        sys.stderr.writelines(f"{path} is out of date: run python -m service.archive.manifest\n" for path in old)
+        sys.stderr.writelines(f"{path} is out of date: run python -m service.manifest\n" for path in old)
         return int(bool(old))
     for path in old:
         path.parent.mkdir(parents=True, exist_ok=True)
