@@ -42,7 +42,7 @@ from service.reflectance.relief.displacement import (
     join,
     pad_heights,
 )
-from service.reflectance.relief.folds import unfolded, unfolded_albedo
+from service.reflectance.relief.folds import folds_in, unfolded, unfolded_albedo, wrinkles_of
 from service.reflectance.relief.normal_inputs import READERS, drawn_detail, shaded_grey, without_border
 from service.reflectance.relief.shade_update import bare, with_shade
 from service.reflectance.subject import Subject
@@ -126,9 +126,6 @@ def make_reflectance(
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
 
-    def smoothed(codes: npt.NDArray[np.int16]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
-        return (codes, ()) if subject.creases is None else unfolded(codes, subject.creases)
-
     if "diffuse_albedo" in plan.stages:
         full = resample(source, size)
         del source
@@ -171,14 +168,20 @@ def make_reflectance(
                 shares = tuple(octave.share for octave in found.octaves)
                 trust = bare(own.seen, planes)
                 bent = with_shade(bent, grey, subject.slope, trust, shares)
-            return smoothed(bent)
+            if subject.creases is None:
+                return bent, ()
+            fold = folds_in(bent, subject.creases)
+            return unfolded(bent, fold), wrinkles_of(fold, subject.creases, bent.shape)
 
         normal, wrinkles = run("specular_normal", specular)
         made = replace(made, specular_normal=normal, wrinkles=wrinkles)
     if "diffuse_normal" in plan.stages:
-        both = run("diffuse_normal", lambda told: smoothed(tangent_normals("diffuse_normal", job(told))))
-        made = replace(made, diffuse_normal=both[0])
-        del both
+
+        def diffuse(told: Callable[[float], None]) -> npt.NDArray[np.int16]:
+            bent = tangent_normals("diffuse_normal", job(told))
+            return bent if subject.creases is None else unfolded(bent, folds_in(bent, subject.creases))
+
+        made = replace(made, diffuse_normal=run("diffuse_normal", diffuse))
     planes.channels.clear()
     grey = None  # of the size of a map, and read no more
     if "displacement" in plan.stages and made.specular_normal is not None:

@@ -212,26 +212,27 @@ LEAST_SLOPE = 1e-3
 """A wrinkle map that is nowhere steeper is none."""
 
 
-def unfolded(codes: npt.NDArray[np.int16], creases: Creases) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
-    """Normals (H, W, 2) int16 without the folds of an expression, and the folds.
+def folds_in(codes: npt.NDArray[np.int16], creases: Creases) -> Float32:
+    """(h, w, 2) slopes of an expression's folds, to the right and up, on a map at most ``WIDTH`` wide; 0 elsewhere.
 
     Args:
-        codes: x and y of tangent-space normals times ``NORMAL_ONE``, +Y up.
+        codes: (H, W, 2) x and y of tangent-space normals times ``NORMAL_ONE``, +Y up.
         creases: where they are.
     """
-    size = _small(codes.shape)
-    x, y, z = np.moveaxis(unpack_normals(shrunk(codes, size)), 2, 0)
+    x, y, z = np.moveaxis(unpack_normals(shrunk(codes, _small(codes.shape))), 2, 0)
     slopes = [_band(-part / np.maximum(z, 0.05)) for part in (x, y)]
-    fold = _share(creases, slopes[0], slopes[1])[..., None] * np.stack(slopes, -1)
-    group = cv2.resize(creases.group, size, interpolation=cv2.INTER_NEAREST)
-    wrinkles = []
+    return _share(creases, slopes[0], slopes[1])[..., None] * np.stack(slopes, -1)
+
+
+def wrinkles_of(fold: Float32, creases: Creases, shape: tuple[int, ...]) -> tuple[Wrinkle, ...]:
+    """The folds of :func:`folds_in` of each group of units as normals of their own, for maps of a shape (H, W, ...)."""
+    group = cv2.resize(creases.group, fold.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+    size, wrinkles = _small((shape[0] // 2, shape[1] // 2)), []
     for name, units in creases.units.items():
         own = np.where((group == list(GROUPS).index(name))[..., None], fold, np.float32(0))
         if np.abs(own).max() > LEAST_SLOPE:
-            half = _small((codes.shape[0] // 2, codes.shape[1] // 2))
-            own = shrunk(own, half)
-            wrinkles.append(Wrinkle(name, units, _codes(own)))
-    return _without(codes, fold), tuple(wrinkles)
+            wrinkles.append(Wrinkle(name, units, _codes(shrunk(own, size))))
+    return tuple(wrinkles)
 
 
 def unfolded_albedo(albedo: UInt16, creases: Creases) -> UInt16:
@@ -295,8 +296,8 @@ def _codes(slopes: Float32) -> npt.NDArray[np.int16]:
     return np.asarray(np.rint(-slopes / length * NORMAL_ONE), np.int16)
 
 
-def _without(codes: npt.NDArray[np.int16], fold: Float32) -> npt.NDArray[np.int16]:
-    """Normals less slopes (h, w, 2); texels without any stay as they are."""
+def unfolded(codes: npt.NDArray[np.int16], fold: Float32) -> npt.NDArray[np.int16]:
+    """(H, W, 2) int16 normals less the slopes (h, w, 2) of :func:`folds_in`; texels without any stay as they are."""
     out = codes.copy()
 
     def unfold(rows: slice, columns: slice) -> None:
