@@ -6,6 +6,7 @@ avatar is made as ``avatarme make`` makes it, in a process of its own, so that c
 
 from __future__ import annotations
 
+import os
 import platform
 import tempfile
 import time
@@ -15,7 +16,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,9 @@ from service.options import Options
 from service.reflectance.reflectance_maps import unpack_normals
 from service.runtime.networks import choose_engine
 from service.runtime.sessions import has_openvino
+
+if TYPE_CHECKING:
+    from service.archive.avatar import Avatar
 
 T = TypeVar("T")
 Kind = Literal["colour", "normal"]
@@ -57,11 +61,13 @@ class Row:
         options: what was asked of ``make_avatar``.
         fault: why there is no avatar; "" where there is one, and only then the rest holds.
         seconds: from the photo's bytes to the archive on the disk.
+        processor_s: processor seconds of the same.
         timings_s: by stage, with "write".
         peak_mb: largest resident memory of the process, MiB.
         megabytes: of the archive.
         engines: runtime and precision of the networks, in words.
         losses: by map against the last run: root mean square of coded colours in [0, 1], or mean degrees of normals.
+        truth: decibels against what was rendered, by what was judged; empty where the truth is not known.
         front: whether no other run is faster and better.
     """
 
@@ -69,12 +75,19 @@ class Row:
     options: Options
     fault: str = ""
     seconds: float = float("nan")
+    processor_s: float = float("nan")
     timings_s: Mapping[str, float] = field(default_factory=dict)
     peak_mb: float = 0.0
     megabytes: float = 0.0
     engines: str = ""
     losses: Mapping[str, float] = field(default_factory=dict)
+    truth: Mapping[str, float] = field(default_factory=dict)
     front: bool = False
+
+    @property
+    def badness(self) -> list[float]:
+        """What counts beside seconds, smaller is better: decibels to the truth where it is known, else losses."""
+        return [-value for value in self.truth.values()] or list(self.losses.values())
 
     @property
     def networks_s(self) -> float:
@@ -105,7 +118,8 @@ class Bench:
         rows = []
         for row in self.rows:
             facts = asdict(row) | {"options": row.options.to_json()}
-            made = {name: facts.pop(name) for name in ("seconds", "timings_s", "peak_mb", "megabytes", "engines")}
+            names = ("seconds", "processor_s", "timings_s", "peak_mb", "megabytes", "engines")
+            made = {name: facts.pop(name) for name in names}
             loss = {name: shown_loss(name, value) for name, value in facts.pop("losses").items()}
             rows.append({**facts, "made": None if row.fault else made, "loss": loss})
         fitted = None if self.line is None else asdict(self.line)
@@ -133,13 +147,22 @@ def runs(*, quick: bool) -> list[Row]:
     return found + [Row(name, replace(plain, quality=quality)) for name, quality in qualities.items()]
 
 
-def make(run: Row, photo: bytes, output: Path) -> Row:
-    """Make an avatar and its archive, and write the face of its maps and the mask of skin to ``output`` (``.npz``).
+def make(
+    run: Row, photo: bytes | Sequence[bytes], output: Path | None,
+    judge: Callable[[Avatar], Mapping[str, float]] = lambda avatar: {},
+) -> Row:  # fmt: skip
+    """Make an avatar and its archive, and write the face of its maps and the mask of skin.
+
+    Args:
+        run: what is asked for.
+        photo: its bytes, or those of several.
+        output: an ``.npz`` file for the maps; None: they are not compared.
+        judge: tells decibels against the truth.
 
     Raises:
         AvatarError: as ``service.pipeline.make_avatar``.
     """
-    begin = time.perf_counter()
+    begin, used = time.perf_counter(), processor_seconds()
     from service.archive.pack import write_archive
     from service.pipeline import make_avatar
     from service.reflectance.subject import GEOMETRY_SIZE, Subject
@@ -150,17 +173,25 @@ def make(run: Row, photo: bytes, output: Path) -> Row:
         target = Path(scratch) / "avatar.zip"
         write_archive(avatar, target)
         megabytes = target.stat().st_size / 1e6
-    end = time.perf_counter()
-    peak = diagnosis.peak_rss_mb()
-    made = avatar.reflectance
+    end, spent = time.perf_counter(), processor_seconds() - used
+    peak, made = diagnosis.peak_rss_mb(), avatar.reflectance
+    found = replace(
+        run, seconds=end - begin, processor_s=spent, timings_s={**avatar.timings_s, "write": end - writing},
+        peak_mb=peak, megabytes=megabytes, truth=judge(avatar),
+        engines=", ".join(sorted(set(made.engines.values())) if made is not None else []),
+    )  # fmt: skip
+    if output is None:
+        return found
     maps = {name: face_of(codes) for name in COMPARED if (codes := getattr(made, name, None)) is not None}
     subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
     skin = np.where(subject.chart.mask, subject.skin(GEOMETRY_SIZE), 0) > 0
     np.savez(output, **{"skin": face_of(skin), **maps})  # type: ignore[arg-type]
-    return replace(
-        run, seconds=end - begin, timings_s={**avatar.timings_s, "write": end - writing}, peak_mb=peak,
-        megabytes=megabytes, engines=", ".join(sorted(set(made.engines.values())) if made is not None else []),
-    )  # fmt: skip
+    return found
+
+
+def processor_seconds() -> float:
+    """Processor seconds of this process and of those that it started and that have ended."""
+    return sum(os.times()[:4])
 
 
 def face_of(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -177,13 +208,18 @@ def isolated(work: Callable[..., T], *arguments: Any) -> T:
         Crashed: the process ended without a result, for example for want of memory.
         Exception: as ``work`` raises it.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line has it
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         try:
             return pool.submit(work, *arguments).result()
         except BrokenProcessPool as error:
             raise Crashed(
-                f"the process of {work.__name__} ended without a result; there may be too little memory"
+                f"the process of {_named(work)} ended without a result; there may be too little memory"
             ) from error
+
+
+def _named(work: Callable[..., Any]) -> str:
+    return str(getattr(work, "__name__", "a run"))
 
 
 def run_bench(
@@ -191,6 +227,7 @@ def run_bench(
     *,
     photo: bytes | None = None,
     launch: Callable[..., Any] = isolated,
+    making: Callable[[Row, bytes, Path], Row] = make,
     progress: Callable[[str, float], None] = lambda what, done: None,
 ) -> Bench:
     """Make every avatar, one after the other.
@@ -199,6 +236,7 @@ def run_bench(
         chosen: what is made; the last is the reference.
         photo: contents of a photo; None for the sample.
         launch: runs a function in a separate process.
+        making: :func:`make`, or what judges its avatars, too.
         progress: called with the current run and the completed share.
 
     Raises:
@@ -212,14 +250,14 @@ def run_bench(
         for index, (run, file) in enumerate(zip(chosen, files, strict=True)):
             progress(run.label, index / len(chosen))
             try:
-                rows.append(launch(make, run, data, file))
+                rows.append(launch(making, run, data, file))
             except AvatarError as fault:
                 if index == len(chosen) - 1:
                     raise
                 rows.append(replace(run, fault=fault.message))
         with np.load(files[-1]) as best:
             rows = [replace(row, losses=_losses(file, best)) for row, file in zip(rows, files, strict=True)]
-    costs = [[row.seconds, *row.losses.values()] for row in rows]
+    costs = [[row.seconds, *row.badness] for row in rows]
     width = max(map(len, costs))
     front = pareto([cost + [float("nan")] * (width - len(cost)) for cost in costs])
     return Bench(
