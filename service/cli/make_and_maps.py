@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import json
 import os
@@ -75,6 +76,7 @@ def make(
         from service.archive.pack import write_archive
         from service.pipeline import make_avatar
 
+        gc.freeze()  # to look through what the libraries made again and again would take a fiftieth of a draft
         avatar = make_avatar(data, options, progress, model)
         write_archive(avatar, sys.stdout.buffer if target == PIPE else Path(target))
     seconds = time.perf_counter() - begin

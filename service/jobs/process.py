@@ -7,6 +7,7 @@ all other jobs along.
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import json
 import logging
@@ -109,6 +110,7 @@ def main() -> int:
     reporter = Reporter()
     limit_self(int(memory), seconds, int(niceness), int(parent))
     program = importlib.import_module(sys.argv[1])
+    gc.freeze()  # nothing that the libraries made is garbage
     reporter.ready()
     line = sys.stdin.buffer.readline()
     if not line:
