@@ -61,7 +61,7 @@ def measured(seed: int, head: HeadModel, *, poor: bool) -> Mapping[str, float]:
     own, wanted = kinds_of(best.style, groom.strands), kinds_of(style, truth.strands)
     figures = {
         "overlap": overlap(seen.sight.hair, drawn.mask, seen.sight.known),
-        "direction, degrees": float(np.degrees(np.arccos(np.clip(cosine, -1, 1)) / 2)),
+        "direction, degrees": float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))),
         "ends, mm off": 1000 * abs(ends_m(groom.strands) - ends_m(truth.strands)) if len(groom) else np.nan,
         "kind right": kind_of(best.style) == kind_of(style),
         "probability of the kind": matches.kinds(read_bank()).get(kind_of(best.style), 0.0),

@@ -29,7 +29,7 @@ from service.face.finder import FaceFinder
 from service.face.reading.part_labels import HAIR
 from service.face.reading.reader import Readers, parts_at_pixels, read_face
 from service.hair.kinds import KINDS, LENGTHS, length_of
-from service.hair.reading import CELLS, HairNetwork, HairReading, orientation, read_hair
+from service.hair.reading import CELLS, HairNetwork, HairReading, read_hair
 from service.photo.gate import read_photo
 
 MESH_KINDS = {
@@ -64,7 +64,6 @@ class Tally:
     overlap: list[float] = field(default_factory=list)
     before: list[float] = field(default_factory=list)
     degrees: list[float] = field(default_factory=list)
-    filtered: list[float] = field(default_factory=list)
     ends_mm: list[float] = field(default_factory=list)
     right: dict[str, list[bool]] = field(default_factory=lambda: defaultdict(list))
     sure: list[float] = field(default_factory=list)
@@ -76,7 +75,7 @@ class Tally:
         return (
             f"{name:<12} n {len(self.overlap):>4} unread {self.missed:>3}  "
             f"overlap {_mean(self.overlap)} (parts alone {_mean(self.before)})  "
-            f"direction {_mean(self.degrees, 1)} (structure tensor alone, any sign {_mean(self.filtered, 1)})  "
+            f"direction {_mean(self.degrees, 1)}  "
             f"ends {_median(self.ends_mm)} mm  {kinds}  mean probability {_mean(self.sure)}\n"
         )
 
@@ -139,9 +138,6 @@ def compare(tally: Tally, portrait: Portrait, found: HairReading, own: Float32, 
         way = way[strands] / np.linalg.norm(way[strands], axis=1, keepdims=True)
         cosine = np.clip((found.direction[strands] * way).sum(1), -1, 1)
         tally.degrees.append(float(np.degrees(np.arccos(cosine)).mean()))
-        crop = found.region.cut(portrait.image, 2 * size)
-        along, _ = orientation(crop, found.mask)
-        tally.filtered.append(float(np.degrees(np.arccos(np.clip(np.abs((along[strands] * way).sum(1)), 0, 1))).mean()))
     if np.isfinite(portrait.ends_m) and kinds["gathered"] in ("none", "half"):
         tally.ends_mm.append(1000 * abs(found.ends_m[0] - portrait.ends_m))
     said_kind, chance = kind_said(found)

@@ -18,6 +18,7 @@ from export.faces.registry import MODELS, register
 from export.networks.convert import LICENCE, OPSET, rounded
 from export.networks.whole import convert
 from models.networks.hair import CELL, COUNTS, LEAST_WAY, SIDE, HairReader
+from models.networks.reader import ReaderSize
 from models.people.shards import UNKNOWN
 from models.training.hair import calibration_set
 from models.training.reader import shards
@@ -42,7 +43,7 @@ def load_run(folder: Path) -> tuple[HairReader, int, float]:
     if not path.is_file():
         raise ModelFault(f"{path} does not exist; train with: python -m models.training.hair")
     content = torch.load(path, map_location="cpu", weights_only=True)
-    network = HairReader()
+    network = HairReader(ReaderSize(**content["size"]) if "size" in content else None)
     network.load_state_dict(content["average"])
     return network.eval(), int(content["step"]), float(content["seconds"]) / 60.0
 

@@ -1,9 +1,9 @@
 """What a photo shows of hair: where, which way its strands run, and what kind it is.
 
-The body is the reader's (``models.networks.reader``), which knows faces and hair already: a run begins with its
-weights.
-Into it goes a wider crop of the head, out of it come, for each cell of two by two pixels, hair and direction, and for
-the whole the logarithms of the kinds' probabilities and the height of the lowest ends.
+The body is built as the reader's (``models.networks.reader``), only broader; a run of the reader's own size begins with
+its weights, as these know faces and hair already. Into it goes a wider crop of the head, out of it come, for each cell
+of two by two pixels, hair and direction, and for the whole the logarithms of the kinds' probabilities and the height of
+the lowest ends.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ LEAST_WAY = 0.05
 LEAST_SPREAD, LEAST_ENDS_M = 0.05, 0.006
 """Standard deviations that the network may claim at best: of a component of the direction, and of the ends' height."""
 USUAL_ENDS_M, ENDS_UNIT_M = -0.12, 0.1
+SIZES = {"compact": ReaderSize(), "broad": ReaderSize((32, 56, 88, 128, 160), (0, 2, 2, 2, 3), 2)}
+"""Named sizes: 1.2 and 3.6 GFLOP a crop; the broad one ships."""
 WHOLE = (24, 96)
 """Channels of the coarsest cells, and of the whole, from which the kinds are told."""
 

@@ -77,7 +77,7 @@ def _pick(s: Stream, names: list[str]) -> str:
 
 def dress(
     seed: int, person: Person, skin: Skin, hair: Float, wardrobe: Items, light_level: float,
-    meshes: tuple[str, ...] = (), only: str | None = None,
+    meshes: tuple[str, ...] = (), only: str | None = None, hidden: bool = True,
 ) -> Outfit:  # fmt: skip
     """All that the person named ``seed`` has on and before the face.
 
@@ -91,6 +91,7 @@ def dress(
         meshes: styles of the wardrobe of which one is worn in place of a groom; none for grooms.
         only: of what hides skin only this one of ``INTRUDERS``, or "nothing"; None: as it comes. With it nobody has a
             beard.
+        hidden: whether masks, hands and flat things hide as many faces as they may; else they hide a third of these.
 
     Raises:
         ValueError: ``only`` is none of them.
@@ -132,7 +133,7 @@ def dress(
         out.meshes.append(hand(seed, wardrobe, neck_colour(skin, person)))
     if only == "thing":
         out.screens.append(screen(seed))
-    if only is not None:
+    if only is not None or not (hidden or s.chance(1 / 3)):
         return out
     if s.chance(0.08):
         out.meshes += mask(s, person.vertices)

@@ -95,16 +95,16 @@ def portrait(
         ModelFault: there is no OpenGL through EGL, or the wardrobe is missing.
     """
     r = renderer()
-    person, light = draw_person(seed), draw_light(seed)
     folder = folder or default_folder()
+    person, light = draw_person(seed, folder), draw_light(seed)
     skin = load_skin(person.skin, folder)
     wardrobe = load_wardrobe()
     head = the_head()
     vertices = recessed(person)
     camera = draw_camera(seed, size, landmarks(head, vertices), FRAMINGS[framing])
-    worn = wear_groom(seed, person) if not meshes and only in (None, "hair") else None
+    worn = wear_groom(seed, person, skin) if not meshes and only in (None, "hair") else None
     hair = hair_colour(person, skin) if worn is None else worn.mean
-    outfit = dress(seed, person, skin, hair, wardrobe, light.level(), meshes, only)
+    outfit = dress(seed, person, skin, hair, wardrobe, light.level(), meshes, only, framing == "face")
     worn = worn if outfit.groomed else None
     roots = None if worn is None else covered(worn.groom, head.mean)
     scene = [*figure(person, skin, hair, wardrobe, seed, roots), *outfit.meshes]

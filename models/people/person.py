@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from models.lightstage.skin.streams import Stream
 from models.people.expression import draw_expression
-from models.people.skins import COUNT
+from models.people.sexes import with_sex
+from models.people.skins import COUNT, default_folder, load_skin
 from service.face.fit.landmark_fit import FIELDS, process_places
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -37,7 +39,7 @@ class Person:
         identity: (K,) float32 coefficients of the head model; residual: (V, 3) float32 metres on top.
         expression: (E,) float32 activations; eyes: state of the eyes ("open", "half", "closed", "wink").
         neutral, vertices: (V, 3) float32 metres, without and with the expression.
-        skin: number of the skin; tint: (3,) factors of its linear albedo.
+        skin: number of the skin, whose sex they have; tint: (3,) factors of its linear albedo.
         hair: (3,) linear RGB, or None for what goes with the skin.
         old: share of greying in [0, 1].
     """
@@ -126,18 +128,21 @@ def _hair(s: Stream) -> Float | None:
     return np.asarray(choices[int(s.one() * len(choices))], np.float32) * s.one(0.7, 1.3)
 
 
-def draw_person(seed: int) -> Person:
-    """The person named ``seed``."""
+def draw_person(seed: int, folder: Path | None = None) -> Person:
+    """The person named ``seed``; ``folder``: where skins are kept (``models.people.skins``)."""
     head, s = the_head(), Stream(seed, "somebody")
+    tint = np.exp(s.normal(0.0, 0.12)[0] + s.normal(0.0, 0.03, 3))
+    skin = int(s.one() * COUNT)
+    male = load_skin(skin, folder or default_folder()).male
     identity = _identity(Stream(seed, "shape"), len(head.identity))
+    identity = np.clip(with_sex(identity, male, float(Stream(seed, "sex").normal()[0])), -WIDEST, WIDEST)
     residual = _residual(Stream(seed, "residual"))
     expression, eyes = draw_expression(seed, head.expression_names)
     weights = np.asarray(expression, np.float32)
     neutral = head.shape(identity) + residual
     weights = lids_as_meant(neutral + np.tensordot(weights, head.expression, 1), weights)
     vertices = neutral + np.tensordot(weights, head.expression, 1)
-    tint = np.exp(s.normal(0.0, 0.12)[0] + s.normal(0.0, 0.03, 3))
     return Person(
-        identity, residual, weights, eyes, neutral, np.asarray(vertices, np.float32), int(s.one() * COUNT),
+        identity, residual, weights, eyes, neutral, np.asarray(vertices, np.float32), skin,
         np.asarray(tint, np.float32), _hair(s), float(np.clip(s.one(-0.6, 1.0), 0.0, 1.0)),
     )  # fmt: skip

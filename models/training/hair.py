@@ -11,17 +11,21 @@ measurement on held-out people, whose grooms are never trained on.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
+from torch.utils.data import DataLoader
 
-from models.networks.hair import COUNTS, HairReader, ReadHair
+from models.networks.hair import COUNTS, SIZES, HairReader, ReadHair
+from models.networks.reader import ReaderSize
 from models.people.shards import UNKNOWN
-from models.training.hair_data import HairBatch, People, batch_of, draw, example, read_people
+from models.training.hair_data import FIRST, Crops, HairBatch, People, batch_of, example, read_people
 from models.training.people_run import PeopleRun
 from models.training.reader import shards
 from models.training.restore import weights_of
@@ -35,11 +39,7 @@ BODY_RATE = 0.4
 """Rate of what the reader knows already, over that of the new layers."""
 WEIGHTS = {"mask": 4.0, "direction": 0.5, "kinds": 0.5, "ends": 0.1}
 AT_ONCE = 40
-"""Shards in memory."""
-FIRST = 12
-"""Shards with which a sitting begins."""
-REFRESH_STEPS = 25
-"""Steps after which a shard makes room for another."""
+"""Shards in memory, of all workers together at least."""
 
 
 def losses(read: ReadHair, batch: HairBatch) -> dict[str, Tensor]:
@@ -54,7 +54,7 @@ def losses(read: ReadHair, batch: HairBatch) -> dict[str, Tensor]:
     off = (read.direction - batch.direction).square().sum(1, keepdim=True)
     way = 2 * read.spread.log() + off / (2 * read.spread.square())
     direction = (way * batch.strands).sum() / batch.strands.sum().clamp(min=1)
-    kinds = torch.zeros(())
+    kinds = torch.zeros((), device=batch.mask.device)
     for k, part in enumerate(read.kinds.split(COUNTS, 1)):
         told = batch.kinds[:, k] != UNKNOWN
         if told.any():
@@ -66,22 +66,38 @@ def losses(read: ReadHair, batch: HairBatch) -> dict[str, Tensor]:
 
 
 class Run(PeopleRun[HairReader]):
-    """A run of the hair reader; ``bf16``: its convolutions in bfloat16, for processors that have it."""
+    """A run of the hair reader; ``bf16``: its convolutions in bfloat16, for processors that have it.
 
-    def __init__(self, folder: Path, seed: int = 0, *, bf16: bool = False) -> None:
-        self.bf16 = bf16
+    Raises:
+        ModelFault: the checkpoint's network is of another size.
+    """
+
+    def __init__(
+        self, folder: Path, seed: int = 0, *, bf16: bool = False, device: str = "cpu", size: ReaderSize | None = None
+    ) -> None:
+        self.bf16, self.device = bf16, torch.device(device)
         torch.manual_seed(seed)
-        network = HairReader()
+        network = HairReader(size)
         path = folder / "checkpoint.pt"
-        if not path.is_file():
+        known = network.body.size == ReaderSize()
+        if known and not path.is_file():
             found = weights_of(MODELS / "reader.onnx")
             network.begin_with({name: found[name] for name in network.body.state_dict()})
+        network = network.to(self.device)
         body = list(network.body.parameters())
         own = [p for name, p in network.named_parameters() if not name.startswith("body.")]
-        groups = [{"params": body, "share": BODY_RATE}, {"params": own, "share": 1.0}]
+        groups = [{"params": body, "share": BODY_RATE if known else 1.0}, {"params": own, "share": 1.0}]
         super().__init__("hair", folder, network, torch.optim.AdamW(groups, RATE, weight_decay=DECAY))
         if path.is_file():
-            self.resume(torch.load(path, map_location="cpu", weights_only=True))
+            content = torch.load(path, map_location=self.device, weights_only=True)
+            there = ReaderSize(**content.get("size", dataclasses.asdict(ReaderSize())))
+            if there != network.body.size:
+                raise ModelFault(f"{path} is a run of {there}, not of {network.body.size}: give its --size")
+            self.resume(content)
+
+    def more(self) -> dict[str, Any]:
+        """Size of the network."""
+        return {"size": dataclasses.asdict(self.network.body.size)}
 
     def train_step(self, batch: HairBatch, left: float) -> dict[str, float]:
         """One step; ``left`` is the share of the run that remains.
@@ -90,7 +106,8 @@ class Run(PeopleRun[HairReader]):
             ModelFault: the loss is not finite.
         """
         self.set_rate(RATE * min((self.step + 1) / WARM_UP_STEPS, 1.0) * max(min(left / 0.5, 1.0), 0.02))
-        with torch.autocast("cpu", torch.bfloat16, enabled=self.bf16):
+        batch = batch.to(self.device)
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16):
             read = self.network.read(batch.image)
         return self.descend(losses(read, batch), WEIGHTS, most=0.995)
 
@@ -98,10 +115,12 @@ class Run(PeopleRun[HairReader]):
 def measured(network: HairReader, apart: list[People], most: int) -> dict[str, float]:
     """What a network says of the first ``most`` held-out people."""
     overlap, degrees, off = [], [], []
+    device = next(network.parameters()).device
     right: dict[str, list[float]] = {name: [] for name in KINDS}
     for people in apart:
         for first in range(0, min(len(people["seed"]), most), 16):
-            batch = batch_of([example(people, i) for i in range(first, min(first + 16, len(people["seed"]), most))])
+            index = range(first, min(first + 16, len(people["seed"]), most))
+            batch = batch_of([example(people, i) for i in index]).to(device)
             with torch.no_grad():
                 read = network.read(batch.image)
             said, true = read.mask[:, 0] > 0, batch.mask[:, 0] > 0.5
@@ -128,32 +147,37 @@ def calibration_set(paths: list[Path]) -> HairBatch:
     return batch_of([example(people, i) for people in found for i in range(len(people["seed"]))])
 
 
-def train(run: Run, data: Path, steps: int, sitting: float, batch: int, every: int, most: int, seed: int = 0) -> None:
+def train(
+    run: Run, data: Path, steps: int, sitting: float, batch: int, every: int, most: int, seed: int = 0, workers: int = 0
+) -> None:
     """Train to ``steps``, at most ``sitting`` minutes now; measure every ``every`` steps. New shards are taken in.
+
+    Args:
+        run: of the network.
+        data: folder of shards.
+        steps: length of the run.
+        sitting: minutes after which to stop for now.
+        batch: crops of a step.
+        every: steps between measurements.
+        most: held-out people to measure on.
+        seed: of all chance.
+        workers: processes that cut the crops; 0: this one does.
 
     Raises:
         ModelFault: there is nothing to train on.
     """
-    rng = np.random.default_rng([seed, run.step])
     apart = [read_people(path) for path in shards(data, held_out=True)]
-    pool: list[People] = []
-    names: list[Path] = []
+    source = Crops(lambda: shards(data, held_out=False), batch, [seed, run.step], AT_ONCE // max(workers, 1) + FIRST)
+    batches = iter(DataLoader(source, None, num_workers=workers, prefetch_factor=4 if workers else None))
     begun, before = time.monotonic(), run.seconds
     sums: dict[str, float] = {}
     while run.step < steps and time.monotonic() - begun < 60 * sitting:
-        for _ in range(FIRST if not pool else int(run.step % REFRESH_STEPS == 0)):
-            fresh = [path for path in shards(data, held_out=False) if path not in names]
-            if fresh:
-                path = fresh[int(rng.integers(len(fresh)))]
-                pool, names = [*pool, read_people(path)][-AT_ONCE:], [*names, path][-AT_ONCE:]
-        if not pool:
-            raise ModelFault(f"{data}: no shard to train on; make some: python -m models.people --framing hair")
-        for name, value in run.train_step(draw(pool, batch, rng), 1 - run.step / steps).items():
+        for name, value in run.train_step(next(batches), 1 - run.step / steps).items():
             sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
         run.seconds = before + time.monotonic() - begun
         if run.step % every == 0 or run.step >= steps:
             run.save()
-            run.log({"step": run.step, "minutes": round(run.seconds / 60, 1), "shards": len(names),
+            run.log({"step": run.step, "minutes": round(run.seconds / 60, 1),
                      **{f"loss_{name}": round(value, 4) for name, value in sums.items()},
                      **(measured(run.average, apart, most) if apart else {})})  # fmt: skip
     run.save()
@@ -175,12 +199,16 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=12)
     parser.add_argument("--threads", type=int, default=0, help="of torch; 0 leaves its own choice")
     parser.add_argument("--bf16", action="store_true", help="bfloat16: 1.8 times as fast where the processor has it")
+    parser.add_argument("--size", choices=SIZES, default="broad")
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--workers", type=int, default=0, help="processes that cut the crops; 0: this one")
     chosen = parser.parse_args()
     if chosen.threads:
         torch.set_num_threads(chosen.threads)
     chosen.out.mkdir(parents=True, exist_ok=True)
-    run = Run(chosen.out, bf16=chosen.bf16)
-    train(run, chosen.data, chosen.steps, chosen.sitting, chosen.batch, chosen.every, chosen.most)
+    run = Run(chosen.out, bf16=chosen.bf16, device=chosen.device, size=SIZES[chosen.size])
+    lengths = chosen.steps, chosen.sitting, chosen.batch, chosen.every, chosen.most
+    train(run, chosen.data, *lengths, workers=chosen.workers)
 
 
 if __name__ == "__main__":

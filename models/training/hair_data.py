@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
+from torch.utils.data import IterableDataset, get_worker_info
 
 from models.networks.hair import CELL, SIDE
 from models.people.develop import decoded
 from models.people.shards import UNKNOWN, load
+from service.errors import ModelFault
 from service.face.detection import face_roll
 from service.face.reading import part_labels as labels
 from service.face.region import Region, level_square
@@ -29,6 +32,10 @@ MIRRORED_PARTING = [PARTINGS.index({"left": "right", "right": "left"}.get(name, 
 PARTING, CURL, LENGTH = (list(KINDS).index(name) for name in ("parting", "curl", "length"))
 STANDS_IN = 0.3
 """Share of the crops whose background is another portrait, upside down or not."""
+FIRST = 12
+"""Shards with which a worker begins."""
+REFRESH_STEPS = 25
+"""Batches after which a shard makes room for another."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,10 @@ class HairBatch:
     def of(self, index: Tensor) -> HairBatch:
         """Some of the crops."""
         return HairBatch(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def to(self, device: torch.device) -> HairBatch:
+        """The same elsewhere."""
+        return HairBatch(*(getattr(self, f.name).to(device, non_blocking=True) for f in fields(self)))
 
 
 def read_people(path: Path) -> People:
@@ -152,7 +163,7 @@ def spoilt(picture: Image, inside: Image, rng: np.random.Generator) -> tuple[Ima
         done, data = cv2.imencode(".jpg", picture.astype(np.uint8), quality)
         coded = cv2.imdecode(data, cv2.IMREAD_COLOR) if done else None
         picture = picture if coded is None else coded
-    if rng.random() < 0.5:  # photos end, at some sides or, cut to the head, at all of them
+    if rng.random() < 0.6:  # photos end, at some sides or, cut to the head, at all of them
         low, high = rng.uniform(0, 0.28, 2), 1 - rng.uniform(0, 0.35, 2)
         keep = rng.random(4) < (0.5 if rng.random() < 0.6 else 0.95)
         x0, y0 = (np.where(keep[:2], low, 0) * SIDE).astype(int)
@@ -166,6 +177,37 @@ def spoilt(picture: Image, inside: Image, rng: np.random.Generator) -> tuple[Ima
 def batch_of(examples: list[HairBatch]) -> HairBatch:
     """Several crops as one batch."""
     return HairBatch(*(torch.cat([getattr(one, f.name) for one in examples]) for f in fields(HairBatch)))
+
+
+class Crops(IterableDataset[HairBatch]):
+    """Endless batches of spoilt crops from the shards that there are; each worker of a loader has a pool of its own.
+
+    Args:
+        shards: lists the shards there are; new ones are taken in.
+        count: crops in a batch.
+        seed: of all chance.
+        at_once: shards in memory of a worker.
+    """
+
+    def __init__(self, shards: Callable[[], list[Path]], count: int, seed: list[int], at_once: int = 40) -> None:
+        self.shards, self.count, self.seed, self.at_once = shards, count, seed, at_once
+
+    def __iter__(self) -> Iterator[HairBatch]:
+        worker = get_worker_info()
+        rng = np.random.default_rng([*self.seed, worker.id if worker else 0])
+        pool: list[People] = []
+        names: list[Path] = []
+        step = 0
+        while True:
+            for _ in range(FIRST if not pool else int(step % REFRESH_STEPS == 0)):
+                fresh = [path for path in self.shards() if path not in names]
+                if fresh:
+                    path = fresh[int(rng.integers(len(fresh)))]
+                    pool, names = [*pool, read_people(path)][-self.at_once :], [*names, path][-self.at_once :]
+            if not pool:
+                raise ModelFault("no shard to train on; make some: python -m models.people --framing hair")
+            yield draw(pool, self.count, rng)
+            step += 1
 
 
 def draw(pool: list[People], count: int, rng: np.random.Generator) -> HairBatch:

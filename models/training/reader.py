@@ -22,10 +22,11 @@ import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
+from torch.utils.data import DataLoader
 
 from models.networks.reader import CHART_MM, PARTS, READER_SIZES, Read, Reader, ReaderSize, flops
 from models.training.people_run import PeopleRun
-from models.training.reader_data import Batch, Pool, augmented, batch_of, read_cells, shard_seed
+from models.training.reader_data import Batch, Crops, batch_of, read_cells, shard_seed
 from models.training.restore import weights_of
 from service.errors import ModelFault
 from service.face.reading import part_labels as labels
@@ -122,14 +123,12 @@ class Run(PeopleRun[Reader]):
         self.device = torch.device(device)
         network = Reader(size).to(self.device)
         super().__init__("reader", folder, network, torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY))
-        self.generator = torch.Generator().manual_seed(seed)
         path = folder / "checkpoint.pt"
         if path.is_file():
             content = torch.load(path, map_location=self.device, weights_only=True)
             if ReaderSize(**content["size"]) != self.network.size:
                 raise ModelFault(f"{path} is a run of {content['size']}, not of {self.network.size}: give its --size")
             self.resume(content)
-            self.generator.set_state(content["random"].cpu())
 
     def take(self, path: Path) -> None:
         """Begin with the weights of an ONNX file of the service; the optimiser begins afresh.
@@ -146,8 +145,8 @@ class Run(PeopleRun[Reader]):
             network.load_state_dict({name: found[name] for name in state})
 
     def more(self) -> dict[str, Any]:
-        """State of the random numbers, and size of the network."""
-        return {"random": self.generator.get_state(), "size": dataclasses.asdict(self.network.size)}
+        """Size of the network."""
+        return {"size": dataclasses.asdict(self.network.size)}
 
     def train_step(self, batch: Batch, left: float, bf16: bool) -> dict[str, float]:
         """One step; ``left`` is the share of the run's time that remains.
@@ -178,11 +177,16 @@ def shards(data: Path, *, held_out: bool) -> list[Path]:
 
 
 def train(
-    run: Run, data: Path, minutes: float, batch: int, every: float, most: int, bf16: bool, steps: int = 0
-) -> None:
-    """Train until the run has lasted ``minutes``, or for ``steps`` if given; measure every ``every`` minutes."""
+    run: Run, data: Path, minutes: float, batch: int, every: float, most: int, bf16: bool, steps: int = 0,
+    sitting: float = np.inf, workers: int = 0,
+) -> None:  # fmt: skip
+    """Train until the run has lasted ``minutes``, or for ``steps`` if given; measure every ``every`` minutes.
+
+    At most ``sitting`` minutes now. ``workers`` processes make the batches, or this one does.
+    """
     apart = shards(data, held_out=True)
-    pool = Pool(lambda: shards(data, held_out=False), seed=run.step)
+    source = Crops(lambda: shards(data, held_out=False), batch, run.step)
+    batches = iter(DataLoader(source, None, num_workers=workers, prefetch_factor=4 if workers else None))
     begun, before, saved = time.monotonic(), run.seconds, run.seconds
     sums: dict[str, float] = {}
 
@@ -191,9 +195,8 @@ def train(
         spent, length = (run.step, steps) if steps else (run.seconds, 60.0 * minutes)
         return spent / length if length > 0 else 1.0
 
-    while done() < 1.0:
-        some = augmented(pool.draw(batch, run.generator), run.generator)
-        for name, value in run.train_step(some, 1.0 - done(), bf16).items():
+    while done() < 1.0 and time.monotonic() - begun < 60 * sitting:
+        for name, value in run.train_step(next(batches), 1.0 - done(), bf16).items():
             sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
         run.seconds = before + time.monotonic() - begun
         if run.seconds - saved > 60.0 * every or done() >= 1.0:
@@ -202,6 +205,7 @@ def train(
                      **{f"loss_{name}": round(value, 4) for name, value in sums.items()},
                      **(run.measure(apart, most) if apart else {})})  # fmt: skip
             run.save()
+    run.save()
 
 
 def main() -> None:
@@ -215,6 +219,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder of the run")
     parser.add_argument("--minutes", type=float, default=60.0, help="length of the run, all its sittings together")
     parser.add_argument("--steps", type=int, default=0, help="length of the run in steps instead")
+    parser.add_argument("--sitting", type=float, default=np.inf, help="minutes after which to stop for now")
+    parser.add_argument("--workers", type=int, default=0, help="processes that make the batches; 0: this one")
     parser.add_argument("--size", choices=READER_SIZES, default="compact")
     parser.add_argument("--every", type=float, default=10.0, help="minutes between measurements")
     parser.add_argument("--most", type=int, default=256, help="held-out people to measure on")
@@ -232,7 +238,8 @@ def main() -> None:
         run.take(MODELS / "reader.onnx")
     work = flops(copy.deepcopy(run.network).cpu()) / 1e9
     sys.stderr.write(f"reader: {work:.2f} GFLOP a crop, from step {run.step}\n")
-    train(run, chosen.data, chosen.minutes, chosen.batch, chosen.every, chosen.most, chosen.bf16, chosen.steps)
+    lengths = chosen.minutes, chosen.batch, chosen.every, chosen.most
+    train(run, chosen.data, *lengths, chosen.bf16, chosen.steps, chosen.sitting, chosen.workers)
 
 
 if __name__ == "__main__":

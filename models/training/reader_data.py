@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 from torch.nn import functional
+from torch.utils.data import IterableDataset, get_worker_info
 
 from models.networks.reader import CELL, PART_CELL, PARTS
 from models.people.develop import decoded
@@ -162,6 +163,26 @@ class Pool:
         return batch_of(
             [(self.ready[k], int(p * len(self.ready[k]["seed"]))) for k, p in zip(which, places, strict=True)]
         )
+
+
+class Crops(IterableDataset[Batch]):
+    """Endless augmented batches; each worker of a loader has a pool and random numbers of its own.
+
+    Args:
+        shards: lists the shards there are.
+        count: crops in a batch.
+        seed: of all chance.
+    """
+
+    def __init__(self, shards: Callable[[], list[Path]], count: int, seed: int) -> None:
+        self.shards, self.count, self.seed = shards, count, seed
+
+    def __iter__(self) -> Iterator[Batch]:
+        worker = get_worker_info()
+        seed = 1000 * self.seed + (worker.id if worker else 0)
+        pool, generator = Pool(self.shards, seed), torch.Generator().manual_seed(seed)
+        while True:
+            yield augmented(pool.draw(self.count, generator), generator)
 
 
 def augmented(batch: Batch, generator: torch.Generator) -> Batch:

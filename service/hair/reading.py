@@ -2,7 +2,7 @@
 
 ::
 
-    photo, reading --region_of--> square with all of the hair --network, structure tensor--> HairReading
+    photo, reading --region_of--> square with all of the hair --network--> HairReading
 
 The square is wider than the crops of ``service.face.reading.reader``, as hair may reach to the shoulders.
 """
@@ -13,18 +13,17 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from service.arrays import Float32, Float64, UInt8
 from service.errors import NumericFault
 from service.face.reading import reader
-from service.face.reading.part_labels import HAIR, HAT, OTHER
+from service.face.reading.part_labels import HAT, OTHER
 from service.face.reading.reader import AROUND_ABOVE, AROUND_FILL, Reading, middles, parts_at_pixels
 from service.face.region import Region
 from service.geometry.sampling import sample_at
 from service.hair.kinds import KINDS, PARTINGS
-from service.image_filters import blurred, ramp
+from service.image_filters import ramp
 from service.runtime.sessions import Session, load_session
 
 log = logging.getLogger(__name__)
@@ -176,80 +175,7 @@ def read_hair(pixels: UInt8, reading: Reading, network: HairNetwork | None = Non
     except NumericFault as fault:
         log.warning("the hair is not read: %s", fault)
         return None
-    seen = parts_at_pixels(reading, at, strands=True)[:, HAIR].reshape(CELLS, CELLS)
-    mask = np.asarray(together(said.mask, seen) * inside, np.float32)
-    direction, certainty = finer(said, *orientation(crop, mask))
-    return HairReading(region, mask, known, direction, certainty * mask, said.kinds, said.ends_m)
-
-
-WITNESSES, RECALL = 0.6, 0.4
-"""Weight of each of two log odds of hair, and what is added to their sum: strands are thin, and either may miss them.
-Overlap on grooms that neither was taught on and on meshes (``python -m benchmarks.hair_reading``)."""
-
-
-def together(one: Float32, other: Float32) -> Float32:
-    """Probability of hair by two networks (H, W), the hair reader's and the reader's of faces.
-
-    They err in different places: this one was taught on strands, in a wide crop, that one on other hair, in finer
-    crops, weighed by a third that knows people in real photos (``service.face.reading.reader``).
-    """
-    odds = (np.log(p) - np.log1p(-p) for p in (np.clip(p, 0.01, 0.99) for p in (one, other)))
-    return np.asarray(1 / (1 + np.exp(-(WITNESSES * sum(odds) + RECALL))), np.float32)
-
-
-def finer(said: Said, along: Float32, coherence: Float32) -> tuple[Float32, Float32]:
-    """The network's directions, turned to those of the structure tensor as far as that is the surer one.
-
-    Angles are averaged doubled, as the tensor knows no sign.
-
-    Args:
-        said: the network's.
-        along: (H, W, 2) of the tensor, of any sign.
-        coherence: (H, W) in [0, 1] of the tensor.
-    """
-    way, weight = said.direction, TENSOR * coherence[..., None]
-    both = _doubled(way) * said.certainty[..., None] + _doubled(along) * weight
-    angle = 0.5 * np.arctan2(both[..., 1], both[..., 0])
-    direction = np.stack([np.cos(angle), np.sin(angle)], -1)
-    direction *= np.where((direction * way).sum(-1, keepdims=True) < 0, -1, 1)
-    return np.asarray(direction, np.float32), said.certainty
-
-
-def _doubled(way: Float32) -> Float32:
-    x, y = way[..., 0], way[..., 1]
-    return np.stack([x * x - y * y, 2 * x * y], -1)
-
-
-TENSOR = 0.3
-"""Weight of the structure tensor's coherence against the network's certainty."""
-SMOOTHED_CELLS = 1.6
-"""Standard deviation over which directions are averaged, cells."""
-
-
-def orientation(crop: UInt8, mask: Float32) -> tuple[Float32, Float32]:
-    """Directions of strands by the structure tensor, of any sign, and how certain they are.
-
-    The eigenvector of the smaller eigenvalue of the smoothed outer product of the gradient (Bigun and Granlund 1987)
-    runs along the strands; coherence, the difference of the eigenvalues over their sum, is its certainty.
-
-    Args:
-        crop: (S, S, 3) uint8 sRGB, the square.
-        mask: (H, W) float32 in [0, 1], share of hair; S is a multiple of H.
-
-    Returns:
-        (H, W, 2) float32 unit vectors, x right, y down, and (H, W) float32 in [0, 1], 0 without hair.
-    """
-    side = len(mask)
-    grey = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255
-    grey = np.log(grey + np.float32(0.03))  # locks in the shade have as much structure as lit ones
-    dx, dy = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3), cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=3)
-    tensor = np.stack([dx * dx, dx * dy, dy * dy], -1)
-    tensor = cv2.resize(tensor, (side, side), interpolation=cv2.INTER_AREA)
-    inner = cv2.erode(mask, np.ones((3, 3), np.uint8))[..., None]  # the outline of the hair is no strand
-    weight = np.maximum(blurred(inner, SMOOTHED_CELLS)[..., None], 1e-4)
-    xx, xy, yy = np.moveaxis(blurred(tensor * inner, SMOOTHED_CELLS) / weight, -1, 0)
-    along = 0.5 * np.arctan2(2 * xy, xx - yy) + np.pi / 2
-    direction = np.stack([np.cos(along), np.sin(along)], -1).astype(np.float32)
-    apart = np.hypot(xx - yy, 2 * xy)
-    coherence = apart / np.maximum(xx + yy, 1e-6) * ramp(xx + yy, (1e-4, 2e-3))
-    return direction, np.asarray(np.clip(coherence, 0, 1) * mask, np.float32)
+    return HairReading(
+        region, np.asarray(said.mask * inside, np.float32), known, said.direction,
+        np.asarray(said.certainty * said.mask * inside, np.float32), said.kinds, said.ends_m,
+    )  # fmt: skip

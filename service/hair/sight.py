@@ -33,11 +33,12 @@ class Drawn:
 
     Attributes:
         mask: (C, C) float32 in [0, 1], share of the cell that they cover.
-        doubled: (C, C, 2) float32 mean cosine and sine of twice their angle, x right and y down; 0 without strands.
+        direction: (C, C, 2) float32 mean of their unit directions from root to tip, x right and y down; 0 without
+            strands.
     """
 
     mask: Float32
-    doubled: Float32
+    direction: Float32
 
 
 @dataclass(frozen=True)
@@ -129,16 +130,13 @@ class Sight:
         deep = depth[:, :-1] + share * np.diff(depth, axis=1)
         (rows, columns), seen = self.visible(samples, deep)
         flat = (rows * CELLS + columns)[seen]
-        size = np.maximum(length, 1e-9)
-        cosine, sine = (run[..., 0] ** 2 - run[..., 1] ** 2) / size, 2 * run[..., 0] * run[..., 1] / size
-        count, cosine, sine = (
+        sums = [
             np.bincount(flat, np.broadcast_to(row / pieces, seen.shape)[seen], CELLS * CELLS).reshape(CELLS, CELLS)
-            for row in (length, cosine, sine)
-        )
-        dense = blurred(np.stack([count, cosine, sine], -1).astype(np.float32), SOFT_CELLS)
+            for row in (length, run[..., 0], run[..., 1])
+        ]
+        dense = blurred(np.stack(sums, -1).astype(np.float32), SOFT_CELLS)
         covered = ramp(1 - np.exp(-dense[..., 0] * 10_000 / len(strands) / COVERS), SHOWS)
-        doubled = dense[..., 1:] / np.maximum(dense[..., :1], 1e-6)
-        return Drawn(np.asarray(covered, np.float32), np.asarray(doubled, np.float32))
+        return Drawn(np.asarray(covered, np.float32), dense[..., 1:] / np.maximum(dense[..., :1], np.float32(1e-6)))
 
 
 def overlap(shown: Float32, mask: Float32, known: Float32) -> float:

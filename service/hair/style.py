@@ -172,7 +172,7 @@ NAMED: Mapping[str, Style] = {
 }  # fmt: skip
 """Ten styles that most people can be given."""
 
-_CHANCE: Mapping[str, float] = {
+CHANCE: Mapping[str, float] = {
     "shaved": 0.06, "crop": 0.13, "side_part": 0.11, "slicked_back": 0.06, "afro": 0.06, "bob": 0.12, "curly": 0.10,
     "long_wavy": 0.12, "ponytail": 0.14, "bun": 0.10,
 }  # fmt: skip
@@ -209,11 +209,11 @@ _ENDS: Mapping[str, tuple[float, float]] = {
 """Heights between which random hair is cut."""
 
 
-def sample_style(seed: int) -> Style:
-    """A random style; the same for the same seed."""
+def sample_style(seed: int, chance: Mapping[str, float] = CHANCE) -> Style:
+    """A random style; the same for the same seed and chances of :data:`NAMED` (which add up to 1)."""
     rng = np.random.default_rng([seed, 0x4A1])
     kinds = list(NAMED)
-    base = NAMED[str(rng.choice(kinds, p=np.array([_CHANCE[kind] for kind in kinds])))]
+    base = NAMED[str(rng.choice(kinds, p=np.array([chance[kind] for kind in kinds])))]
     length = float(np.exp(rng.normal(0, 0.3)))
     changes: dict[str, object] = {
         name: float(np.clip(getattr(base, name) * length * np.exp(rng.normal(0, 0.15)), 0.5, 900))
@@ -250,7 +250,7 @@ def sample_style(seed: int) -> Style:
             changes |= {name: min(float(str(changes[name])), STANDS_MM) for name in ("top_mm", "fringe_mm")}
         if changes["combing"] == "forward" and base.kind != "crop":  # hangs over the forehead
             changes |= {"fringe_mm": float(rng.uniform(45, 95)), "parting": "none", "kind": f"{base.kind}_fringe"}
-        changes["fade"] = _near(base.fade, 0.25, rng)
+        changes["fade"] = _near(base.fade, 0.2, rng) if rng.random() < 0.4 else 0.0
         changes["receding"] = float(np.clip(rng.normal(0, 0.5), 0, 1)) if rng.random() < 0.5 else 0.0
         changes["crown"] = float(rng.uniform(0.3, 1)) if rng.random() < 0.12 else 0.0
     elif base.kind == "ponytail":
@@ -272,9 +272,15 @@ def sample_style(seed: int) -> Style:
     return dataclasses.replace(base, **changes)  # type: ignore[arg-type]
 
 
-def sample_melanin(rng: np.random.Generator) -> Melanin:
-    """Pigment of a random person: black and brown are most frequent, then blond, then red; some have gone grey."""
-    kind = rng.choice(["black", "brown", "light_brown", "blond", "red"], p=[0.33, 0.29, 0.15, 0.16, 0.07])
+def sample_melanin(rng: np.random.Generator, fair: float = 1.0) -> Melanin:
+    """Pigment of a random person: black and brown are most frequent, then blond, then red; some have gone grey.
+
+    Args:
+        rng: random numbers.
+        fair: 1 where any hair is as likely as in all people together, 0 where only black and brown hair grows.
+    """
+    chance = np.array([0.33, 0.29, 0.15, 0.16, 0.07]) * [1, 0.3 + 0.7 * fair, fair, fair, fair]
+    kind = rng.choice(["black", "brown", "light_brown", "blond", "red"], p=chance / chance.sum())
     low, high, pheo = {
         "black": (1.4, 4.0, (0.05, 0.3)), "brown": (0.45, 1.4, (0.05, 0.3)), "light_brown": (0.2, 0.45, (0.05, 0.2)),
         "blond": (0.04, 0.2, (0.02, 0.15)), "red": (0.05, 0.3, (0.35, 1.0)),

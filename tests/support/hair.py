@@ -61,10 +61,9 @@ def photographed(
     groom = make_groom(style, seed, strands, Scalp.of(head, points))
     bare = Sight.beside(head, points, camera, region)
     drawn = bare.drawn(groom.strands)
-    angle = 0.5 * np.arctan2(drawn.doubled[..., 1], drawn.doubled[..., 0])
-    direction = np.stack([np.cos(angle), np.sin(angle)], -1).astype(np.float32)
-    direction *= np.where(direction[..., 1:] < 0, np.float32(-1), np.float32(1))
-    certainty = np.asarray(np.linalg.norm(drawn.doubled, axis=-1) * drawn.mask, np.float32)
+    size = np.linalg.norm(drawn.direction, axis=-1)
+    direction = np.asarray(drawn.direction / np.maximum(size, 1e-6)[..., None], np.float32)
+    certainty = np.asarray(size * drawn.mask, np.float32)
     ends = ends_m(groom.strands) if len(groom) else 0.05
     reading = HairReading(region, drawn.mask, np.ones_like(drawn.mask), direction, certainty, UNTOLD, (ends, 0.02))
     fit = fit_of(points, camera)

@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.arrays import Float32, UInt8
 from service.face.finder import FaceFinder
 from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, PARTS
 from service.face.reading.reader import CELLS as READER_CELLS
 from service.face.reading.reader import PART_CELLS, Readers, Reading, crop_of, read_face
 from service.face.region import Region
 from service.hair.kinds import KINDS
-from service.hair.reading import CELLS, SIDE, HairNetwork, Said, finer, orientation, read_hair, region_of, together
+from service.hair.reading import CELLS, SIDE, HairNetwork, read_hair, region_of
 from service.photo.gate import read_photo
 
 SAMPLE = Path(__file__).parents[3] / "service" / "data" / "sample" / "astronaut.png"
@@ -68,40 +67,6 @@ def test_the_square_is_the_same_by_either_crop_and_wider_than_both(angle: float)
     np.testing.assert_allclose(middle, [0.5, 0.45], atol=1e-9)
 
 
-def stripes(degrees: float) -> UInt8:
-    """Strands that run at an angle from the x axis towards +y."""
-    y, x = np.mgrid[:SIDE, :SIDE]
-    a = np.radians(degrees)
-    across = x * np.sin(a) - y * np.cos(a)
-    return np.repeat((90 + 60 * np.sin(across / 1.7))[..., None], 3, 2).astype(np.uint8)
-
-
-@pytest.mark.parametrize("degrees", [0.0, 30.0, 75.0, 90.0, 140.0])
-def test_directions_are_those_of_the_strands(degrees: float) -> None:
-    way, certainty = orientation(stripes(degrees), np.ones((CELLS, CELLS), np.float32))
-    inner = (slice(10, -10),) * 2
-    along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
-    off = np.degrees(np.arccos(np.clip(np.abs(way[inner] @ along), 0, 1)))
-    assert np.median(off) < 2.0
-    assert np.median(certainty[inner]) > 0.8
-
-
-def said(way: tuple[float, float], certainty: float) -> Said:
-    field: Float32 = np.broadcast_to(np.array(way, np.float32), (CELLS, CELLS, 2)).copy()
-    cells = np.ones((CELLS, CELLS), np.float32)
-    return Said(cells, field, certainty * cells, {}, (0.0, 1.0))
-
-
-def test_the_tensor_turns_a_doubtful_direction_and_never_its_sign() -> None:
-    tensor: Float32 = np.broadcast_to(np.array([0.0, -1.0], np.float32), (CELLS, CELLS, 2)).copy()
-    ones = np.ones((CELLS, CELLS), np.float32)
-    slanted = (float(np.sin(0.5)), float(np.cos(0.5)))
-    doubtful, _ = finer(said(slanted, 0.05), tensor, ones)
-    sure, _ = finer(said(slanted, 1.0), tensor, 0.05 * ones)
-    assert (doubtful[..., 1] > 0.98).all()
-    assert np.degrees(np.arccos(sure[0, 0] @ slanted)) < 3.0
-
-
 def test_a_mirrored_photo_is_read_as_the_mirror_image() -> None:
     rng = np.random.default_rng(1)
     crop = rng.integers(0, 120, (SIDE, SIDE, 3)).astype(np.uint8)
@@ -128,14 +93,6 @@ def test_probabilities_sum_to_one_and_nothing_is_read_beside_the_photo() -> None
     assert found.mask[~beside].mean() > 0.9
     assert 0 < found.visible < 1
     np.testing.assert_allclose(np.linalg.norm(found.direction, axis=2), 1.0, atol=1e-5)
-
-
-def test_hair_that_one_network_misses_and_the_other_sees_for_sure_is_there() -> None:
-    sure, none, doubt = (np.full((CELLS, CELLS), p, np.float32) for p in (0.99, 0.3, 0.05))
-    assert together(sure, none).min() > 0.8
-    np.testing.assert_allclose(together(sure, none), together(none, sure))
-    assert together(none, doubt).max() < 0.25
-    assert np.isfinite(together(np.zeros_like(sure), np.ones_like(sure))).all()
 
 
 def test_a_hat_hides_whether_there_is_hair() -> None:
