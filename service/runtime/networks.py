@@ -2,7 +2,7 @@
 
 OpenVINO computes in bfloat16 on processors that multiply it faster than float32 (AMX, AMD's AVX-512 BF16). In float32
 it is ahead of onnxruntime where the processor has AVX-512, and with AVX2 alone for the networks of ``ENLARGING``;
-``python -m benchmarks.runtimes`` measures that. ``auto`` is a rule made of those measurements and not a measurement at
+``avatarme bench`` measures that. ``auto`` is a rule made of those measurements and not a measurement at
 every start: the runtimes differ in the last bits, and the same photo has to give the same bytes.
 
 A network is loaded when a stage begins and released when it ends, so the memory of a run is that of its largest stage.
