@@ -1,10 +1,11 @@
 """What the database bears: a batch on up to 200 workers whose photos only sleep, and a queue of 100,000 waiting jobs.
 
 ``python -m benchmarks.load [--workers 10,50,100,200]`` and ``python -m benchmarks.load --waiting 100000``. The waiting
-jobs are copied in the database from one that was let in, for a hundred tenants. Each worker is a process with its own
-DBOS, as on a machine of its own, and takes one shard at a time; Postgres and the store (a folder) are the real ones.
+jobs are copied in the database from one that was let in, for a hundred tenants. A worker is a process with its own
+DBOS, as on a machine of its own, that takes one shard at a time; Postgres and the store (a folder) are the real ones.
 All run on this machine, so what is printed as efficiency has the processor time of all workers in it, which many
-machines share out.
+machines share out: a worker's looks into the queues are one to two percent of a core, of which 200 do not fit on two
+cores. ``--hands 10`` has each process take ten shards at a time, as ten workers that look into the queues together.
 """
 
 from __future__ import annotations
@@ -76,12 +77,12 @@ class Sleeper:
         """Nothing to let go of."""
 
 
-def worker(name: str, database: str, folder: Path, seconds: float) -> None:
-    """One worker; ends by a signal."""
+def worker(name: str, database: str, folder: Path, seconds: float, hands: int) -> None:
+    """A process of so many workers; ends by a signal."""
     settings = Settings(data=folder / name, database=database, worker=name)
-    rounds = Rounds(connect(settings.database_url, pool=1))
+    rounds = Rounds(connect(settings.database_url, pool=min(hands, 8)))
     shards = Shards(rounds, Sleeper(seconds), folder / name, threading.Event(), lambda error: None, recorded=True)
-    launch(settings, shards.workflows(1, settings.look_seconds / LOOKS))
+    launch(settings, shards.workflows(hands, settings.look_seconds / LOOKS))
     signal.pause()
 
 
@@ -95,8 +96,16 @@ def processor_seconds(processes: list[int]) -> float:
     return total / _TICKS
 
 
-def measured(count: int, seconds: float, photos: int, folder: Path) -> str:
-    """A row of the table: so many workers, each of which would make so many photos of so many seconds."""
+def measured(count: int, seconds: float, photos: int, hands: int, folder: Path) -> str:
+    """A row of the table: so many workers, each of which would make so many photos of so many seconds.
+
+    Args:
+        count: of workers.
+        seconds: of one photo.
+        photos: of each worker.
+        hands: workers that are one process.
+        folder: for everything.
+    """
     postgres = Postgres(folder, 6 * count + 100)
     postgres.start()
     server = postgres.process()
@@ -114,12 +123,15 @@ def measured(count: int, seconds: float, photos: int, folder: Path) -> str:
     context = multiprocessing.get_context("fork")
     engine.dispose()
     workers = [
-        context.Process(target=worker, args=(f"w{n}", postgres.url, folder, seconds), daemon=True) for n in range(count)
+        context.Process(
+            target=worker, args=(f"w{first}", postgres.url, folder, seconds, min(hands, count - first)), daemon=True
+        )
+        for first in range(0, count, hands)
     ]
     try:
         for process in workers:
             process.start()
-        time.sleep(5.0 + count / 10)  # until all ask for work
+        time.sleep(5.0 + len(workers) / 2)  # until all ask for work
         rounds, queue = Rounds(engine), Queue(engine)
         before, spent, begin = transactions(engine), processor_seconds(descendants(server)), time.monotonic()
         rounds.put(queue, "1", out.address, shards)
@@ -257,6 +269,7 @@ def main(
     workers: Annotated[str, typer.Option(help="Numbers of workers, with commas between.")] = "10,50,100,200",
     seconds: Annotated[float, typer.Option(help="Of one photo.")] = 10.0,
     photos: Annotated[int, typer.Option(min=1, help="Of each worker.")] = 8,
+    hands: Annotated[int, typer.Option(min=1, help="Workers that are one process.")] = 1,
     waiting: Annotated[int, typer.Option(min=0, help="Measure beside so many waiting jobs instead.")] = 0,
 ) -> None:
     """Print a table."""
@@ -268,7 +281,7 @@ def main(
     print("| tally, median ms | most | last shard after the mean, % |\n|---|---|---|---|---|---|---|---|---|")
     for word in workers.split(","):
         with tempfile.TemporaryDirectory(prefix="many-workers-") as folder:
-            print(measured(int(word), seconds, photos, Path(folder)), flush=True)
+            print(measured(int(word), seconds, photos, hands, Path(folder)), flush=True)
 
 
 if __name__ == "__main__":
