@@ -38,6 +38,8 @@ SIDES_RAD = 0.85
 
 WISPS_EDGE, WISP_M, WISP_LENGTHS_M = 0.45, 0.007, (0.04, 0.2)
 """How far from the hairline wisps come loose, the width of one, and their lengths."""
+RISES_M = 0.007
+"""Step of a guide up to which it leaves the skin by its style's whole lift."""
 NAPE_M = (-0.095, -0.06)
 """Heights in the head's frame up to which nothing grows on the nape, and from which on hair is full; fluff between."""
 
@@ -45,8 +47,9 @@ NAPE_M = (-0.095, -0.06)
 def grown(roots: Roots, style: Style, rng: np.random.Generator) -> Roots:
     """Roots that this style's hairline, temples and crown leave."""
     azimuth, elevation = roots.azimuth, roots.elevation
-    temples = np.exp(-np.square((np.abs(azimuth) - 0.62) / 0.3) - np.square((elevation - 0.72) / 0.38))
-    forehead = np.exp(-np.square(azimuth / 0.5) - np.square((elevation - 0.8) / 0.25))
+    # Hair recedes from its line upwards: what grows lower at the same azimuth goes first.
+    temples = np.exp(-np.square((np.abs(azimuth) - 0.62) / 0.3) - np.square(np.maximum(elevation - 0.72, 0) / 0.38))
+    forehead = np.exp(-np.square(azimuth / 0.5) - np.square(np.maximum(elevation - 0.8, 0) / 0.25))
     crown = np.exp(-np.square(np.linalg.norm(roots.position - CROWN, axis=1) / (0.02 + 0.045 * style.crown)))
     phase = rng.uniform(0, 2 * np.pi, 3)
     wander = sum(np.sin(k * azimuth + p) / k for k, p in zip((3, 5, 9), phase, strict=True))
@@ -191,7 +194,9 @@ def _hanging(
         own, sure = wish(place, roots.normal)
         comb = unit(comb * (1 - sure[:, None]) + own * sure[:, None])
     parted = 0.15 * np.exp(-np.square(_from_parting(style, roots) / 0.012)) if style.parting != "none" else 0.0
-    rising = np.clip(style.lift + parted, 0, 1)[..., None] if style.parting != "none" else style.lift
+    # Long strands have long steps: the first of them must not carry them farther from the skin than short ones'.
+    rising = np.clip(style.lift + parted, 0, 1) * np.clip(RISES_M / np.maximum(step[:, 0], 1e-6), 0.3, 1)
+    rising = rising[:, None]
     heading = unit(rising * roots.normal + (1.02 - rising) * comb)
     points = [place]
     long = _step(0.09, 0.14, length)[:, None]
@@ -199,6 +204,7 @@ def _hanging(
     astray = rng.normal(0, 0.7, (len(roots), 3)).astype(np.float32) * np.exp(
         -np.square(np.linalg.norm(place - CROWN, axis=1, keepdims=True) / 0.035)
     )
+    astray -= roots.normal * (astray * roots.normal).sum(1, keepdims=True)  # it whirls, it does not stand up
     heading = unit(heading + astray)
     for k in range(1, GUIDE_POINTS):
         gone = np.minimum(k * step, 1.0)
@@ -213,6 +219,9 @@ def _hanging(
             heading = unit(heading + 1.5 * sure[:, None] * own)
         rise = np.minimum(gone[:, 0] * 0.6, style.volume_mm / 1000 * layer) + CLEARANCE_M
         tried = skin.pushed((place + step * heading).astype(np.float32), rise.astype(np.float32))
+        loose = np.maximum(skin.outside(tried) - 1.5 * layer * style.volume_mm / 1000 - CLEARANCE_M, 0)
+        lies = long * (1 - style.lift) * np.exp(-gone / COMBED_M) * _step(0.0, 0.04, tried[:, 1])[:, None]
+        tried = np.asarray(tried - outwards * loose[:, None] * lies, np.float32)
         tried = _beside_face(tried, side, long[:, 0] * ~fringe)
         heading = unit(tried - place)
         place = np.asarray(place + step * heading, np.float32)
