@@ -20,7 +20,7 @@ import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -75,7 +75,7 @@ class OnDisk:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def get_or_compute(self, name: str, make: Callable[[], T]) -> T:
+    def get_or_compute(self, name: str, make: Callable[[], T], on: Sequence[Any] = ()) -> T:
         """The result of stage ``name``: the kept one, else what ``make`` returns."""
         file = self._folder / f"{name}.pickle"
         if name in KEPT and file.is_file():

@@ -81,6 +81,8 @@ _FaceIndex = Annotated[int, Strict(), Ge(0), Le(9999)]
 EyeColour = Literal["auto", "dark_brown", "brown", "hazel", "green", "blue", "grey"]
 """The photo's, or a natural colour; ``service.face.features.eye_colours.NAMED_IRISES`` has their albedo."""
 Mouth = Literal["auto", "shut"]
+Wrinkles = Literal["auto", "none", "younger", "older", "old"]
+"""The photo's; or as deep as ``service.reflectance.relief.folds.AGES`` says."""
 _Hair = Annotated[str | dict[str, Any], AfterValidator(checked_hair), Right(f"one of auto, none, {', '.join(STYLES)}")]
 _HairColour = Annotated[str, AfterValidator(checked_colour), Right("a colour's name or '#rrggbb'")]
 _HairLength = Annotated[
@@ -122,6 +124,7 @@ class Options(Checked):
         hair_length: millimetres of the longest strands, in [1, 1200]; None for the photo's, or the style's.
         eye_colour: of the irises: "auto" is the photo's, or a natural colour's name.
         mouth: "auto" is open as far as in the photo; "shut" says that its lips are closed, whatever was read.
+        wrinkles: how deep they are: "auto" as in the photo, "none", or as in a younger or older face.
         without: names of corrections that do not run, for experts and trials; docs/corrections.md has them.
 
     Raises:
@@ -150,6 +153,7 @@ class Options(Checked):
     hair_length: _HairLength | None = None
     eye_colour: EyeColour = "auto"
     mouth: Mouth = "auto"
+    wrinkles: Wrinkles = "auto"
     without: _Without = ()
 
     @property

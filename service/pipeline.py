@@ -52,13 +52,14 @@ from service.materials.part import coarser
 from service.options import Options, installed
 from service.photo.photo import Photo
 from service.reflectance.reflectance import make_reflectance
+from service.reflectance.relief.folds import AGES
 from service.reflectance.subject import Subject
 from service.reflectance.surface_maps import surface_maps
 from service.runtime.network_registry import networks_of
 from service.runtime.networks import choose_engine, loading_ahead
 from service.runtime.sessions import few_heaps, has_openvino, openvino_library
 from service.runtime.tiles import DEFAULT_TILE
-from service.stage_cache import NoCache, StageCache
+from service.stage_cache import Depending, NoCache, StageCache
 from service.texture.inpainting import grain
 from service.texture.photo_detail import OwnDetail, own_texture_of
 from service.texture.texture import SEEDS, Texture, make_texture
@@ -76,6 +77,10 @@ FIRST_ONLY = ("expression", "eyes", "hair")
 """What the first photo alone is used for."""
 LEAST_SHARE = 0.005
 """Share of the seen texture below which a photo does not count as used for it."""
+
+CORRECTIONS = ("hair", "hair_colour", "hair_length", "eye_colour", "mouth", "wrinkles")
+"""Options by which a head is corrected. Stages that depend on one of them say so; all others serve again, once they
+are kept."""
 
 READERS = networks_of("read")
 """Networks that read a face; without them the fit follows landmarks and outline."""
@@ -150,12 +155,17 @@ def make_avatar(
             wanted_hair = options.asked_hair()
             hair_network = networks.hair() if reads else None
             hair = kept(
-                "hair", lambda: find_hair(photo, head, fit, reading, wanted_hair, count, options.seed, hair_network)
+                "hair", lambda: find_hair(photo, head, fit, reading, wanted_hair, count, options.seed, hair_network),
+                [options.mouth, options.hair, options.hair_colour, options.hair_length],
             )
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
         with stage("texture"):
             cards = pool.submit(lambda: hair_cards(hair, head, fit.neutral, options.quality, options.seed))
-            texture = kept("texture", lambda: make_texture(photo, head, fit, chart, reading, hair, gathered.others))
+            bald = hair.bald_beneath
+            shaped: list[Any] = [options.mouth, bald]
+            texture = kept(
+                "texture", lambda: make_texture(photo, head, fit, chart, reading, bald, gathered.others), shaped
+            )
             if options.eye_colour != "auto":
                 texture = replace(texture, iris=NAMED_IRISES[options.eye_colour])
         step = options.level.part_texture_step
@@ -165,7 +175,8 @@ def make_avatar(
         with stage("compare"):
             shown = [part for part in parts if part.name != BROWS]  # the texture has the photo's own
             similarity = kept(
-                "compare", lambda: likeness(photo, face, head, fit, texture.texture, networks.recogniser(), shown)
+                "compare", lambda: likeness(photo, face, head, fit, texture.texture, networks.recogniser(), shown),
+                [getattr(options, name) for name in CORRECTIONS],
             )
         networks.drop()
 
@@ -176,11 +187,11 @@ def make_avatar(
             if "texture" in options.maps:
                 asked = options.texture_size
                 wanted = own.texture_size(options.most_texture_width) if asked == "auto" else asked
-                own_texture = kept("own_texture", lambda: own_texture_of(texture, own, wanted))
+                own_texture = kept("own_texture", lambda: own_texture_of(texture, own, wanted), shaped)
         if plan.stages:
             reflectance = make_reflectance(
                 texture.texture,
-                Subject.in_photo(head, fit, texture),
+                replace(Subject.in_photo(head, fit, texture, hair), wrinkles=AGES[options.wrinkles]),
                 plan,
                 options.map_size,
                 engine,
@@ -190,7 +201,7 @@ def make_avatar(
                 own=own if options.level.super_resolution else None,
                 tile=tile,
                 progress=lambda name, done: progress(name, BEFORE_NETWORKS + (1 - 2 * BEFORE_NETWORKS) * done),
-                stages=stages,
+                stages=Depending(stages, tuple(shaped)),
             )
             stage.timings |= reflectance.timings_s
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)

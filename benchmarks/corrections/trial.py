@@ -58,7 +58,7 @@ class Kept:
     def __init__(self) -> None:
         self._results: dict[str, Any] = {}
 
-    def get_or_compute(self, name: str, make: Callable[[], T]) -> T:
+    def get_or_compute(self, name: str, make: Callable[[], T], on: Sequence[Any] = ()) -> T:
         """The result of stage ``name``, made at most once."""
         if name not in self._results:
             self._results[name] = make()

@@ -21,7 +21,7 @@ from service.api.uploads import Upload
 from service.errors import UnreadableInput
 from service.face.several import of_photo
 from service.jobs.admission import Bounds, KeyInUse, NewJob, NoRoom, count_refusal
-from service.jobs.artifacts import artifact_name
+from service.jobs.artifacts import artifact_name, kept_folder
 from service.jobs.database import now
 from service.jobs.erasure import checkpoint, let_go
 from service.jobs.store import Row
@@ -54,7 +54,8 @@ def erase(context: Context, job: str, tenant: Tenant, kind: str) -> None:
     """
     row = context.job(job, tenant, kind, gone=True)
     expires = now() + context.settings.result_hours * 3600
-    for one in let_go(context.store, row, "erased", expires):
+    stages = [kept_folder(row["tenant"], row["photo_sha256"])] if row["keep_photo"] and row["photo_sha256"] else []
+    for one in [*let_go(context.store, row, "erased", expires), *stages]:
         sweep(context, one)
     checkpoint(context.engine)
 

@@ -98,7 +98,7 @@ def quality(context: Here) -> Response:
     """
     from service.hair.asked import AUTO, COLOURS, NONE, STYLES
     from service.levels import LEVELS
-    from service.options import EyeColour, Mouth, default_maps
+    from service.options import EyeColour, Mouth, Wrinkles, default_maps
     from service.photo.gate import readable_formats
 
     groups: dict[tuple[str, tuple[int, int]], list[Row]] = defaultdict(list)
@@ -112,7 +112,7 @@ def quality(context: Here) -> Response:
     levels = [{"name": name, "size": list(level.size)} for name, level in LEVELS.items()]
     choices = {
         "hair": (AUTO, NONE, *STYLES), "hair_colour": COLOURS, "eye_colour": get_args(EyeColour),
-        "mouth": get_args(Mouth),
+        "mouth": get_args(Mouth), "wrinkles": get_args(Wrinkles),
     }  # fmt: skip
     return JSONResponse({"levels": levels, "items": items, "formats": readable_formats(), "choices": choices})
 

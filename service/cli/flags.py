@@ -78,6 +78,7 @@ AVATAR = MAPS | {
     "hair_colour": Flag("Of the hair: the photo's, blond ..., or sRGB.", metavar="auto|NAME|#rrggbb"),
     "hair_length": Flag("Length of the longest strands in millimetres.", str, "auto|MM", parse_length),
     "eye_colour": Flag("Of the irises: the photo's, or brown, blue ...", metavar="auto|NAME"),
+    "wrinkles": Flag("As deep as in the photo, or none, younger, older, old.", metavar="auto|NAME"),
     "mouth": Flag("As in the photo, or shut where it came out open.", metavar="auto|shut"),
     "without": Flag("For experts: corrections not to make; docs/corrections.md.", str, "NAME,...", parse_without),
 }  # fmt: skip

@@ -7,6 +7,7 @@ its folder.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import re
 
 from service.places import Place, translated
@@ -58,6 +59,15 @@ class Artifacts(Place):
         if not _NAME.match(name):
             raise ValueError(f"not a name of an artifact: {name!r}")
         return super()._path(name)
+
+
+def kept_folder(tenant: str, photo_sha256: str) -> str:
+    """Where the stages of a photo lie that its owner wants to be kept, for heads that are made again with corrections.
+
+    No job has this id, so the files go as those of no job do: after an hour (``service.jobs.erasure.Strays``), or when
+    a head of the photo is erased.
+    """
+    return hashlib.sha256(f"stages\n{tenant}\n{photo_sha256}".encode()).hexdigest()[:32]
 
 
 def artifact_name(job: str, kind: str, digest: str, suffix: str) -> str:

@@ -42,7 +42,7 @@ def run(task: Task, reporter: Reporter) -> None:
     stages: StageCache = NoCache()
     if task.artifacts:
         stages = KeptStages(
-            Artifacts(task.artifacts), task.job, basis(task), kept_types(pipeline), Path(task.scratch),
+            Artifacts(task.artifacts), task.stages or task.job, basis(task), kept_types(pipeline), Path(task.scratch),
             finished=reporter.kept, mapped=task.tight,
         )  # fmt: skip
     asked = dict(task.options)
@@ -71,7 +71,9 @@ def options_from(values: Any) -> Options:
 
 
 def basis(task: Task) -> str:
-    """What the results of stages depend on, and how they are written: program, data files, photo, options."""
+    """What the results of all stages depend on, and how they are written: program, data files, photo, and the options
+    that no correction changes.
+    """
     sums = hashlib.sha256((DATA / SUMS).read_bytes()).hexdigest()
-    options = json.dumps(task.options, sort_keys=True)
-    return "\n".join((GENERATOR, FORMAT, sums, task.photo_sha256, options))
+    options = {name: value for name, value in task.options.items() if name not in pipeline.CORRECTIONS}
+    return "\n".join((GENERATOR, FORMAT, sums, task.photo_sha256, json.dumps(options, sort_keys=True)))

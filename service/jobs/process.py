@@ -39,6 +39,7 @@ class Task:
         photo_sha256: hex digest that the photo has to have.
         options: JSON values of ``service.options.Options``.
         artifacts: fsspec URL of the store, for finished stages.
+        stages: folder of these; "" for the job's own.
         output: path to write the archive to.
         scratch: folder for files on their way.
         tight: get by with less memory than usual; an attempt before this one ran out of it.
@@ -52,6 +53,7 @@ class Task:
     output: str
     scratch: str
     tight: bool = False
+    stages: str = ""
 
     def line(self) -> bytes:
         """One line of JSON."""

@@ -18,7 +18,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.errors import Crashed, ModelFault
-from service.jobs.artifacts import Artifacts, artifact_name
+from service.jobs.artifacts import Artifacts, artifact_name, kept_folder
 from service.jobs.database import now, patient
 from service.jobs.kinds import KINDS, Kind
 from service.jobs.process import Ending, Glance, JobProcess, Task
@@ -331,7 +331,7 @@ def task_of(row: Row, source: Row | None, settings: Settings, scratch: Path, pho
     return Task(
         job=row["id"], photo=str(photo), photo_sha256=row["photo_sha256"], options=options,
         artifacts=settings.artifacts_url, output=str(scratch / kind.file), scratch=str(scratch),
-        tight=row["starved"] > 0,
+        tight=row["starved"] > 0, stages=kept_folder(row["tenant"], row["photo_sha256"]) if row["keep_photo"] else "",
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ import logging
 import mmap
 import os
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from inspect import isfunction
 from pathlib import Path
@@ -202,15 +202,15 @@ log = logging.getLogger(__name__)
 
 
 class KeptStages:
-    """``service.stage_cache.StageCache`` for one job.
+    """``service.stage_cache.StageCache`` for one job, or for all that correct one head.
 
     A stage's file is named by a hash of everything that its result depends on: the program and its data, the photo, the
-    options and the name of the stage. It begins with the hash of its content, so a torn or changed file is computed
-    again; that is why it need not be flushed to the disk.
+    options, the name of the stage, and those of the corrections that change it. It begins with the hash of its content,
+    so a torn or changed file is computed again; that is why it need not be flushed to the disk.
 
     Args:
         artifacts: where to.
-        job: of which job.
+        job: folder, of one job or of :func:`service.jobs.artifacts.kept_folder`.
         basis: whatever the results depend on, as text.
         kinds: dataclasses that results may hold; see :func:`kept_types`.
         scratch: a folder on this machine for files on their way.
@@ -238,11 +238,12 @@ class KeptStages:
         self._finished = finished
         self._mapped = mapped
 
-    def get_or_compute(self, name: str, make: Callable[[], T]) -> T:
+    def get_or_compute(self, name: str, make: Callable[[], T], on: Sequence[Any] = ()) -> T:
         """As :meth:`service.stage_cache.StageCache.get_or_compute`; a stage that cannot be read is computed, one that
         cannot be written is not kept; both are logged.
         """
-        key = hashlib.sha256(f"{self._basis}\n{name}".encode()).hexdigest()
+        told = json.dumps(list(on), sort_keys=True)
+        key = hashlib.sha256(f"{self._basis}\n{name}\n{told}".encode()).hexdigest()
         address = artifact_name(self._job, f"stage_{name}", key, "bin")
         try:
             return cast(T, self._load(address))

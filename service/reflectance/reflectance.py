@@ -13,9 +13,9 @@ Full-size maps are there as 16-bit codes only; networks see tiles. So memory is 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +42,7 @@ from service.reflectance.relief.displacement import (
     join,
     pad_heights,
 )
-from service.reflectance.relief.folds import folds_in, unfolded, unfolded_albedo, wrinkles_of
+from service.reflectance.relief.folds import aged, folds_in, unfolded, unfolded_albedo, wrinkles_of
 from service.reflectance.relief.normal_inputs import READERS, drawn_detail, shaded_grey, without_border
 from service.reflectance.relief.shade_update import bare, with_shade
 from service.reflectance.subject import Subject
@@ -145,8 +145,7 @@ def make_reflectance(
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
             if grey is not None:
                 grey = without_border(grey, planes)
-            plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
-            return pad_parts(plain, subject), grey, ledger.applied, told_of, unsure
+            return pad_parts(pad_skin(plain, subject), subject), grey, ledger.applied, told_of, unsure
 
         albedo, grey, corrections, found, error = run("diffuse_albedo", unlit)
         made = replace(made, diffuse_albedo=albedo, corrections=corrections, detail=found, albedo_error=error)
@@ -174,23 +173,28 @@ def make_reflectance(
             return unfolded(bent, fold), wrinkles_of(fold, subject.creases, bent.shape)
 
         normal, wrinkles = run("specular_normal", specular)
-        made = replace(made, specular_normal=normal, wrinkles=wrinkles)
+        made = replace(made, specular_normal=aged(normal, subject.chart, subject.wrinkles), wrinkles=wrinkles)
     if "diffuse_normal" in plan.stages:
 
         def diffuse(told: Callable[[float], None]) -> npt.NDArray[np.int16]:
             bent = tangent_normals("diffuse_normal", job(told))
             return bent if subject.creases is None else unfolded(bent, folds_in(bent, subject.creases))
 
-        made = replace(made, diffuse_normal=run("diffuse_normal", diffuse))
+        made = replace(made, diffuse_normal=aged(run("diffuse_normal", diffuse), subject.chart, subject.wrinkles))
     planes.channels.clear()
     grey = None  # of the size of a map, and read no more
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
-        heights, how = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
+        heights, how = run(
+            "displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs), [subject.wrinkles]
+        )
         made = replace(made, displacement=heights, integration=how)
     if made.diffuse_albedo is not None and subject.creases is not None:
         # Only now: the networks read relief from the dark lines of folds.
         made = replace(made, diffuse_albedo=unfolded_albedo(made.diffuse_albedo, subject.creases))
+    if made.diffuse_albedo is not None and subject.roots is not None:
+        # Last: what the networks make does not depend on the colour of the hair, which may be corrected.
+        made = replace(made, diffuse_albedo=darkened(made.diffuse_albedo.copy(), subject.roots))
     return replace(made, timings_s=run.timings)
 
 
@@ -216,12 +220,12 @@ class _Run:
         self._progress = progress
         self._done = 0.0
 
-    def __call__(self, name: str, make: Callable[[Callable[[float], None]], T]) -> T:
+    def __call__(self, name: str, make: Callable[[Callable[[float], None]], T], on: Sequence[Any] = ()) -> T:
         share = self._shares[name]
         self._progress(name, self._done)
         begin = time.perf_counter()
         told = lambda done: self._progress(name, self._done + share * done)  # noqa: E731
-        result = self._stages.get_or_compute(name, lambda: make(told))
+        result = self._stages.get_or_compute(name, lambda: make(told), on)
         release()  # what the stage's strips and networks left
         self.timings[name] = time.perf_counter() - begin
         self._done += share

@@ -13,6 +13,7 @@ from service.anatomy.canvas import brow_plane, lash_line, lid_skin
 from service.arrays import AnyFloat, Float32, Float64
 from service.face.fit.fit import Fit
 from service.geometry.chart import NO_PART, Chart, islands
+from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.image_filters import blurred, by_strips, shrunk, stretched_to
@@ -21,7 +22,7 @@ from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
 from service.reflectance.relief.folds import Creases
 from service.runtime.network_registry import EYES
-from service.texture.texture import PhotoTexture, Texture, depth_map, shape_normals
+from service.texture.texture import PhotoTexture, Texture, depth_map, left_by_roots, shape_normals
 
 DARKEST = 0.2
 """Least irradiance, over the mean of the seen skin, by which is divided: darker skin lies in cast shadows, whose light
@@ -87,6 +88,7 @@ class Subject:
             (``service.reflectance.subject``); None: the light is not known.
         creases: where the photo's expression folds the skin; None: nowhere.
         photos: what each of several photos shows; empty for one.
+        wrinkles: factor on the depth of the face's lines.
     """
 
     head: HeadModel
@@ -100,6 +102,7 @@ class Subject:
     slope: Float32 | None = None
     creases: Creases | None = None
     photos: tuple[PhotoTexture, ...] = ()
+    wrinkles: float = 1.0
 
     @classmethod
     def of(
@@ -114,8 +117,8 @@ class Subject:
         return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), lit, eye_light)
 
     @classmethod
-    def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture) -> Subject:
-        """The head of a photo, with all that fit and texture tell of its light."""
+    def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture, hair: WornHair | None = None) -> Subject:
+        """The head of a photo, with all that fit and texture tell of its light, and the roots of the hair it wears."""
         subject = cls.of(head, fit.vertices, texture.lit_skin, fit.eye_light)
         inpainted = np.asarray(texture.confidence == 0, np.float32)
         height, width = inpainted.shape
@@ -127,7 +130,7 @@ class Subject:
             subject,
             inpainted=inpainted,
             parts=texture.parts,
-            roots=texture.roots,
+            roots=left_by_roots(texture, hair),
             slope=slope,
             creases=Creases.of(subject.chart, fit),
             photos=texture.photos,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, UInt8
-from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
+from service.colour import bytes_to_linear, linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
 from service.face.fit.fit import Fit
 from service.face.reading.part_labels import HAIR, SKIN
@@ -87,8 +87,7 @@ class Texture:
         parts: (H, W, 3) uint8 sRGB-coded diffuse albedo of eyes, eye sockets, teeth, tongue, mouth lining and lashes,
             extended over the chart; None for an external texture.
         iris, tooth: (3,) float32 linear RGB >= 0, albedo of irises and teeth; None for an external texture.
-        roots: (H, W, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the skin albedo; None: it has
-            none, or the hair stays on the skin.
+        roots: (H, W) uint8, 255 = 1: opacity of the shadow of hair roots; None: the hair stays on the skin.
         photos: what each of several photos shows, in the order of their fits; empty for one photo.
     """
 
@@ -183,13 +182,14 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
     return np.asarray(np.clip(0.5 * grown * points, 0, 0.95), np.float32)
 
 
-def darkening(colour: Float32, shadow: Float32, hair: WornHair) -> Float32:
-    """(N, 3) float32 in [0, 1], linear: what the shadow leaves of the light from sRGB skin (N, 3)."""
+def left_by_roots(texture: Texture, hair: WornHair | None) -> UInt8 | None:
+    """(H, W, 3) uint8, linear, 255 = 1: what the shadow of a hair's roots leaves of the skin; None: all of it."""
+    if texture.roots is None or hair is None:
+        return None
     # Colour of roots over the mean of the hair's strands: no light gets between them.
     root = np.clip(hair.root_colour * np.float32(0.8), 0, 1)
-    skin = srgb_to_linear(colour)
-    left = np.minimum(root / np.maximum(skin, np.float32(1e-3)), 1)  # pale hair never lightens
-    return np.asarray(1 + shadow[:, None] * (left - 1), np.float32)
+    left = np.minimum(root / np.maximum(bytes_to_linear(texture.texture), np.float32(1e-3)), 1)  # never lighter
+    return to_bytes(1 + texture.roots[..., None] * np.float32(1 / 255) * (left - 1))
 
 
 DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
@@ -201,7 +201,7 @@ NOT_SEGMENTED = "not-segmented"
 
 def make_texture(
     photo: Photo, head: HeadModel, fit: Fit, chart: Chart, reading: Reading | None = None,
-    hair: WornHair | None = None, others: Sequence[tuple[View, Fit]] = (),
+    bald: bool = False, others: Sequence[tuple[View, Fit]] = (),
 ) -> Texture:  # fmt: skip
     """Unwrap photos on the fitted head, blend them and inpaint the rest.
 
@@ -212,8 +212,8 @@ def make_texture(
         chart: gives the size of the maps, 576 x 384 for AvatarMe's texture.
         reading: says what the photo shows of the head; without one its face is taken from the photo and nothing else,
             and the warning is ``not-segmented``.
-        hair: of the photo. Where it is worn as a mesh the skin beneath is bald, with the shadow of the roots; without
-            it the photo's hair stays on the scalp, as on a shaved head.
+        bald: hair is worn as a mesh, and the skin beneath is bald, with the shadow of the roots; else the photo's hair
+            stays on the scalp, as on a shaved head.
         others: further photos of the person, and the same head's fits in them.
 
     Raises:
@@ -221,7 +221,7 @@ def make_texture(
     """
     for one in (fit, *(other for _, other in others)):
         _require_finite(one)
-    zones, bald = Zones.of(chart), hair is not None and hair.bald_beneath
+    zones = Zones.of(chart)
     views = [(photo, fit, reading), *((view.photo, other, view.reading) for view, other in others)]
     layers = [_layer(chart, zones, *view, bald=bald) for view in views]
     mixed = blend(chart, layers, [one for _, one, _ in views], zones)
@@ -231,9 +231,9 @@ def make_texture(
     fallback = DEFAULT_SKIN if found.colour is None else found.colour
     completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp, SEEDS[0])
     roots = None
-    if hair is not None and bald:
+    if bald:
         shadow = root_shadow(chart, None if reading is None else part, weight, zones)
-        roots = to_bytes(chart.fill_outside(chart.spread(darkening(completed.colour, shadow, hair))))
+        roots = to_bytes(chart.fill_outside(chart.spread(shadow[:, None])[..., 0]))
     person = fallback if fit.cheek is None else fit.cheek
     sure = _confidence(completed)
     parts = paint_parts(chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person)

@@ -76,7 +76,8 @@ def run(task: Task, reporter: Reporter) -> None:
     )
     digest = hashlib.sha256(Path(task.photo).read_bytes()).hexdigest()
     stages = KeptStages(
-        Artifacts(task.artifacts), task.job, digest, {}, Path(task.scratch), lambda name: _note(task.job, "kept", name)
+        Artifacts(task.artifacts), task.stages or task.job, f"{digest} {seed}", {}, Path(task.scratch),
+        lambda name: _note(task.job, "kept", name),
     )
     value = np.zeros(0, np.int64)
     for number, name in enumerate(STAGES):

@@ -44,7 +44,7 @@ QUALITY = {
     "formats": ["jpeg", "png", "webp"],
     "choices": {
         "hair": ["auto", "none", "bob"], "hair_colour": ["auto", "red"], "eye_colour": ["auto", "blue"],
-        "mouth": ["auto", "shut"],
+        "mouth": ["auto", "shut"], "wrinkles": ["auto", "older"],
     },
 }  # fmt: skip
 KIT = b"PK\x05\x06" + bytes(18)

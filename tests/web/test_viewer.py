@@ -9,10 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import pytest
 
 from tests.support.browser import (
+    PATIENCE_MS,
     Opener,
     Pixels,
     artists,
@@ -181,3 +183,19 @@ def test_words_for_what_was_measured(head: Page) -> None:
     assert "Face: very like the photo" in text and "Hair: " in text
     assert "nearly all of the face" in text
     assert not any(character.isdigit() for character in text), "numbers are for artists"
+
+
+def test_a_film_of_the_turn_can_be_saved(head: Page, tmp_path: Path) -> None:
+    before = show(head, "lit")
+    head.click("#pictures > summary")
+    with head.expect_download(timeout=PATIENCE_MS) as waiting:
+        head.click("text=Save turntable")
+    path = tmp_path / waiting.value.suggested_filename
+    waiting.value.save_as(path)
+    film, frames = cv2.VideoCapture(str(path)), []
+    while (read := film.read())[0]:
+        frames.append(read[1].astype(float))
+    assert len(frames) >= 30, "a turn by at most 6 degrees a frame has 60, of which a slow machine may drop some"
+    assert max(np.abs(frames[0] - frame).mean() for frame in frames) > 3, "the head turns"
+    head.click("#reset-view")
+    assert difference(before, picture(head)) < 0.002

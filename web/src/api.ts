@@ -25,6 +25,7 @@ export interface Options {
   face?: number | "largest";
   eye_colour?: string;
   mouth?: string;
+  wrinkles?: string;
 }
 
 const KEY = "avatarme-key";
@@ -123,17 +124,19 @@ export async function remove(job: Job): Promise<void> {
   await request(job.links.self, { method: "DELETE" });
 }
 
-/** Hands in photos of one person. XMLHttpRequest, because fetch does not tell how much of a body was sent. */
+/** Hands in photos of one person; `keep` has the server keep them, and what it computes of them. XMLHttpRequest, because fetch does not tell how much of a body was sent. */
 export function submit(
   photos: readonly File[],
   options: Options,
   key: string,
   sent: (share: number) => void,
   signal: AbortSignal,
+  keep: boolean,
 ): Promise<Job> {
   const body = new FormData();
   // Options first: the server can refuse them before the photo has arrived.
   body.append("options", new Blob([JSON.stringify(options)], { type: "application/json" }));
+  if (keep) body.append("keep_photo", "true");
   for (const photo of photos) body.append("image", photo, "photo");
   return new Promise((resolve, reject) => {
     const call = new XMLHttpRequest();

@@ -59,7 +59,7 @@ async function create(options: Options, key = newKey()): Promise<void> {
   work.start(photos[0], intake.expected(options));
   byId("work-title").focus();
   await guarded(signal, () => void create(options, key), async () => {
-    job = await submit(photos, options, key, (share) => work.sent(share), signal);
+    job = await submit(photos, options, key, (share) => work.sent(share), signal, intake.keeps());
     history.replaceState(null, "", `#avatar=${job.id}`);
     await finish(await watch(job, signal), signal, { options, photos });
   });

@@ -5,7 +5,7 @@ import { make, words } from "./dom";
 import { readLevels, type Level } from "./times";
 
 /** Options by name, with the labels of this page; the server says what they can be. */
-const PICKERS = { hair: "Hair", hair_colour: "Hair colour", eye_colour: "Eye colour", mouth: "Mouth" } as const;
+const PICKERS = { hair: "Hair", hair_colour: "Hair colour", eye_colour: "Eye colour", mouth: "Mouth", wrinkles: "Age of wrinkles" } as const;
 type Picker = keyof typeof PICKERS;
 
 const AUTO = "auto";

@@ -135,6 +135,11 @@ export class Intake {
     return wish;
   }
 
+  /** Whether photo and steps are to be kept, so that corrections take seconds. */
+  keeps(): boolean {
+    return byId<HTMLInputElement>("keep").checked;
+  }
+
   /** Options of a first try: the quickest level, everything else as usual. */
   quickOptions(): Options {
     return this.levels.some((level) => level.name === QUICK) ? { quality: QUICK } : {};

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import AnyFloat, Bool, Float32, UInt8, UInt16
+from service.arrays import AnyFloat, Bool, Float32, Int64, UInt8, UInt16
 from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
@@ -219,8 +219,7 @@ def folds_in(codes: npt.NDArray[np.int16], creases: Creases) -> Float32:
         codes: (H, W, 2) x and y of tangent-space normals times ``NORMAL_ONE``, +Y up.
         creases: where they are.
     """
-    x, y, z = np.moveaxis(unpack_normals(shrunk(codes, _small(codes.shape))), 2, 0)
-    slopes = [_band(-part / np.maximum(z, 0.05)) for part in (x, y)]
+    slopes = _slopes(codes)
     return _share(creases, slopes[0], slopes[1])[..., None] * np.stack(slopes, -1)
 
 
@@ -233,6 +232,33 @@ def wrinkles_of(fold: Float32, creases: Creases, shape: tuple[int, ...]) -> tupl
         if np.abs(own).max() > LEAST_SLOPE:
             wrinkles.append(Wrinkle(name, units, _codes(shrunk(own, size))))
     return tuple(wrinkles)
+
+
+AGES = {"auto": 1.0, "none": 0.0, "younger": 0.5, "older": 1.6, "old": 2.4}
+"""Factors on the depth of wrinkles, by the name of the option."""
+
+
+def aged(codes: npt.NDArray[np.int16], chart: Chart, depth: float) -> npt.NDArray[np.int16]:
+    """Normals (H, W, 2) int16 whose lines on the face, as coarse as folds, are ``depth`` times as deep; pores stay.
+
+    Args:
+        codes: x and y of tangent-space normals times ``NORMAL_ONE``, +Y up.
+        chart: of the head.
+        depth: 0 takes them off, 1 changes nothing.
+    """
+    if depth == 1:
+        return codes
+    x, y = _slopes(codes)
+    weight = np.asarray(cv2.resize(_foldable(chart), x.shape[::-1]), np.float32)
+    there = np.flatnonzero(weight)
+    weight.ravel()[there] *= np.float32(1 - depth) * _lines(x, y, there)[0]
+    return unfolded(codes, weight[..., None] * np.stack([x, y], -1))
+
+
+def _slopes(codes: npt.NDArray[np.int16]) -> tuple[Float32, Float32]:
+    """(h, w) each: slopes to the right and up of relief as coarse as a fold, on the maps where folds are found."""
+    x, y, z = np.moveaxis(unpack_normals(shrunk(codes, _small(codes.shape))), 2, 0)
+    return _band(-x / np.maximum(z, 0.05)), _band(-y / np.maximum(z, 0.05))
 
 
 def unfolded_albedo(albedo: UInt16, creases: Creases) -> UInt16:
@@ -263,20 +289,27 @@ def _small(shape: tuple[int, ...]) -> tuple[int, int]:
     return width, max(width * shape[0] // shape[1], 1)
 
 
-def _share(creases: Creases, x: Float32, y: Float32) -> Float32:
-    """(h, w) in [0, 1], how much of relief with slopes (h, w) to the right and up is the expression's.
+def _lines(x: Float32, y: Float32, there: Int64) -> tuple[Float32, Float32]:
+    """(n,) each, at texels ``there`` of relief with slopes (h, w) to the right and up: how far it is a line, in [0, 1],
+    and the direction in which that slopes, radians within half a turn.
 
     The direction of lines is that of the larger eigenvector of the structure tensor, their coherence the difference of
     its eigenvalues over their sum (Bigun and Granlund 1987).
     """
-    weights = [cv2.resize(weight, (x.shape[1], x.shape[0])) for weight in creases.weights]
-    there = np.flatnonzero(np.maximum.reduce(weights))
     xx, yy, xy = (blurred(one, AROUND).ravel()[there] for one in (x * x, y * y, x * y))
     coherence = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, 1e-12)
     line = np.clip((coherence - LINE[0]) / (LINE[1] - LINE[0]), 0, 1)
+    return np.asarray(line, np.float32), np.asarray(np.arctan2(2 * xy, xx - yy) / 2, np.float32)
+
+
+def _share(creases: Creases, x: Float32, y: Float32) -> Float32:
+    """(h, w) in [0, 1], how much of relief with slopes (h, w) to the right and up is the expression's."""
+    weights = [cv2.resize(weight, (x.shape[1], x.shape[0])) for weight in creases.weights]
+    there = np.flatnonzero(np.maximum.reduce(weights))
+    line, direction = _lines(x, y, there)
     # Tent functions of the direction, with a period of pi.
-    place = np.arctan2(2 * xy, xx - yy) / 2 * (DIRECTIONS / np.pi) % DIRECTIONS
-    total = np.zeros_like(xx)
+    place = direction * (DIRECTIONS / np.pi) % DIRECTIONS
+    total = np.zeros_like(line)
     for k, weight in enumerate(weights):
         apart = np.abs(place - k)
         total += np.maximum(1 - np.minimum(apart, DIRECTIONS - apart), 0) * np.asarray(weight).ravel()[there]

@@ -7,13 +7,15 @@ import os
 import signal
 import threading
 import time
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from service.jobs import runner as running
-from service.jobs.process import descendants
-from service.jobs.runner import Report
+from service.jobs.process import Task, descendants
+from service.jobs.runner import Report, task_of
 from service.jobs.settings import Settings
 from tests.support.toy_job import archive
 
@@ -268,3 +270,20 @@ def test_another_release_goes_on_with_a_job_and_computes_its_stages_again(monkey
     monkeypatch.setattr(avatar_process, "GENERATOR", "avatarme 99")
     assert avatar_process.basis(task) != before
     assert VERSION == "pipeline-5", "with another one all unfinished jobs would wait for ever"
+
+
+def test_a_correction_is_made_from_the_stages_of_the_same_owner_s_photo(bench: Bench) -> None:
+    from service.jobs import avatar_process
+
+    def task(tenant: str, keep: bool) -> Task:
+        row = bench.store.get(bench.add(tenant=tenant, keep_photo=keep))
+        assert row is not None
+        same_photo: Any = {**row, "photo_sha256": "0" * 64}
+        return task_of(same_photo, None, bench.settings, Path(), Path())
+
+    first = task("a", True)
+    assert first.stages == task("a", True).stages != task("b", True).stages
+    assert task("a", False).stages == ""
+    wishes = ({"quality": "draft"}, {"quality": "draft", "hair": "bob", "wrinkles": "older"}, {"quality": "high"})
+    plain, corrected, better = (avatar_process.basis(replace(first, options=wish)) for wish in wishes)
+    assert plain == corrected != better

@@ -22,6 +22,7 @@ from hypothesis.extra import numpy as hnp
 from service.jobs import stage_files as packing
 from service.jobs.artifacts import Artifacts
 from service.jobs.stage_files import Damaged, KeptStages, kept_types
+from service.stage_cache import Depending
 
 JOB = "a" * 32
 
@@ -216,3 +217,11 @@ def test_a_large_map_is_not_copied_as_a_whole(tmp_path: Path) -> None:
     assert np.array_equal(back, value)
     assert written < 0.8 * value.nbytes
     assert read < 1.5 * value.nbytes
+
+
+def test_a_stage_is_found_by_what_it_depends_on(tmp_path: Path) -> None:
+    stages = KeptStages(Artifacts(f"file://{tmp_path / 'kept'}"), "0" * 32, "basis", {}, tmp_path)
+    assert stages.get_or_compute("hair", lambda: 1, ["bob"]) == 1
+    assert Depending(stages, ("shut",)).get_or_compute("hair", lambda: 2, ["bob"]) == 2
+    assert stages.get_or_compute("hair", lambda: 3, ["bob"]) == 1
+    assert stages.get_or_compute("hair", lambda: 4, ["shut", "bob"]) == 2

@@ -27,6 +27,9 @@ import { MapSurface, Skin, type Surface } from "./skin";
 
 const FIELD_OF_VIEW = 24;
 
+/** Pictures of the file that are coded as the map of that name is; normals have another zero in glTF, gloss other channels. */
+const AS_THE_MAP = ["texture", "diffuse_albedo"];
+
 /** Place of the neck's joint in head space, in metres, about which the head nods and turns; roughly. */
 const NECK = new Vector3(0, -0.12, -0.09);
 
@@ -82,7 +85,8 @@ export class HeadScene {
   async load(data: ArrayBuffer, store: MapStore): Promise<void> {
     const head = await loadHead(data);
     this.store = store;
-    for (const [name, bitmap] of head.pictures) if (store.entry(name) || !store.maps.length) store.seed(name, bitmap);
+    for (const [name, bitmap] of head.pictures)
+      if (AS_THE_MAP.includes(name) || !store.maps.length) store.seed(name, bitmap);
     for (const mesh of head.meshes) {
       const own = onChart(mesh.material) ? new Skin(mesh.material) : drawable(mesh.material);
       mesh.material = own;

@@ -16,9 +16,11 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.reflectance.reflectance_maps import NORMAL_ONE
 from service.reflectance.relief.folds import (
+    AGES,
     WIDTH,
     Creases,
     Strain,
+    aged,
     folds_in,
     unfolded,
     unfolded_albedo,
@@ -128,6 +130,17 @@ def test_a_nearly_black_shadow_along_a_fold_does_not_glow() -> None:
     left, right = made[row, column].astype(float), skin
     assert left[0] / left[1] < 1.4 * right[0] / right[1], "6.7 with one gain for all channels"
     assert (left > 0.6 * right).all()
+
+
+def test_wrinkles_are_as_deep_as_their_age_and_pores_stay() -> None:
+    row, column, across = place()
+    codes = groove(row, column, across)
+    before = energy(codes, row, column)
+    deep = {age: energy(aged(codes, chart(), depth), row, column) / before for age, depth in AGES.items()}
+    assert deep["none"] < 0.15 < deep["younger"] < 0.6 < deep["auto"] == 1 < 1.5 < deep["older"] < deep["old"]
+    pores = np.random.default_rng(3).normal(0, 300, codes.shape).astype(np.int16)
+    smooth = aged(pores, chart(), 0.0)
+    assert np.abs(smooth.astype(int) - pores).mean() < 0.25 * np.abs(pores.astype(int)).mean()
 
 
 @pytest.mark.parametrize("units", [{}, {"mouthSmileLeft": 0.02}, {"jawOpen": 0.04}])
