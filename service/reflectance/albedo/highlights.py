@@ -8,13 +8,12 @@ is a pattern of bright dots, the sides of pores that mirror the lamp: its colour
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, Codes, linear_to_srgb, luma, srgb_to_linear
-from service.image_filters import by_strips, least, marked_columns, most, ramp, shrunk, stretched_to
+from service.image_filters import blurred, by_strips, least, marked_columns, most, ramp, shrunk, stretched_to
 from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo.corrections import Correction, Ledger, changed_texels
 from service.reflectance.planes import interpolated
@@ -172,8 +171,7 @@ def _mean(values: Float32, weight: Float32, sigma: float) -> Float32:
 
 
 def _blur(image: npt.NDArray[np.floating], sigma: float) -> Float32:
-    blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), max(sigma, 0.3), borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(blurred, np.float32).reshape(image.shape)
+    return blurred(image.astype(np.float32), max(sigma, 0.3)).reshape(image.shape)
 
 
 HIGHLIGHTS = Correction(
