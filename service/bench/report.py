@@ -1,16 +1,10 @@
-"""A benchmark as a Markdown table and as a plot of loss against seconds."""
+"""A benchmark as Markdown tables."""
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 
 from service.bench.runs import COMPARED, Bench, Row, shown_loss, sized
-from service.errors import UsageError
-
-MARK = ("<!-- bench -->", "<!-- /bench -->")
-"""Lines of a file between which the table is replaced."""
 
 HEAD = (
     "run", "networks on", "s", "processor s", "avatars a core-hour", "$ a million", "peak MiB", "MB",
@@ -47,15 +41,6 @@ def as_markdown(bench: Bench) -> str:
     return "\n".join(lines) + "\n"
 
 
-def put(text: str, table: str) -> str:
-    """A file's text with its table replaced, or with the table at its end where it has no marks."""
-    begin, end = MARK
-    body = f"{begin}\n{table}{end}"
-    if begin in text and end in text:
-        return text.split(begin)[0] + body + text.split(end, 1)[1]
-    return f"{text.rstrip()}\n\n{body}\n".lstrip()
-
-
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
     for cells in (head, ["---"] * len(head), *rows):
         yield "| " + " | ".join(cells) + " |"
@@ -86,38 +71,3 @@ def in_words(name: str, loss: float) -> str:
     if loss == 0:
         return "same"
     return f"{shown_loss(name, loss):.1f} dB" if COMPARED[name] == "colour" else f"{loss:.3f} °"
-
-
-def require_matplotlib() -> None:
-    """Raise UsageError where the plot cannot be drawn."""
-    if importlib.util.find_spec("matplotlib") is None:
-        raise UsageError("the plot needs matplotlib: pip install matplotlib, or leave out -o to get the table only")
-
-
-def draw(bench: Bench, path: Path) -> None:
-    """Write the picture as PNG.
-
-    Raises:
-        UsageError: matplotlib is not installed.
-    """
-    require_matplotlib()
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8, 5), layout="constrained")
-    axis = figure.subplots()
-    # An identical map has a place on the logarithmic axis.
-    rows = [(row.seconds, max(row.losses["specular_normal"], 1e-4), row) for row in bench.rows if row.losses]
-    points = sorted(rows, key=lambda one: one[:2])
-    front = [(seconds, loss) for seconds, loss, row in points if row.front]
-    axis.plot([seconds for seconds, _ in front], [loss for _, loss in front], "-", color="tab:red", linewidth=1)
-    for seconds, loss, row in points:
-        axis.plot(seconds, loss, "o", color="tab:red" if row.front else "tab:gray", markersize=7 if row.front else 4)
-        place = (4, 5) if row.front else (4, -9)
-        axis.annotate(row.label, (seconds, loss), fontsize=7, xytext=place, rotation=30, textcoords="offset points")
-    axis.set_xlabel("seconds from the photo to the archive")
-    axis.set_xscale("log")
-    axis.set_ylabel("specular normals: mean angle to the reference, degrees")
-    axis.set_yscale("log")
-    axis.margins(x=0.18, y=0.18)
-    axis.grid(alpha=0.3)
-    figure.savefig(path, dpi=90, metadata={"Software": None})

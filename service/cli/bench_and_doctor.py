@@ -6,7 +6,6 @@ import io
 import json
 import platform
 import time
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -14,15 +13,12 @@ import typer
 from service import __version__, diagnosis
 from service.cli.files import progress_bar
 from service.cli.flags import Json
-from service.errors import AvatarError, OutputFault, UsageError
+from service.errors import AvatarError
 from service.options import Options
 
 
 def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Three small runs: a minute at most.")] = False,
-    output: Annotated[
-        str | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for accuracy-time.md and its plot.")
-    ] = None,
     as_json: Json = False,
 ) -> None:
     """Measure what accuracy costs in time, on this machine.
@@ -30,28 +26,13 @@ def bench(
     Makes the sample's avatar at every quality, on every runtime and at several sizes, and prints time, memory and the
     loss of its maps as a Markdown table. Takes about five minutes on two cores; let nothing else run meanwhile.
     """
-    from service.bench.report import as_markdown, draw, put, require_matplotlib
+    from service.bench.report import as_markdown
     from service.bench.runs import run_bench, runs
 
-    target = None if output is None else Path(output)
-    if target is not None:
-        require_matplotlib()
-        if not target.is_dir():
-            raise UsageError(f"there is no folder {target}; name one for the table and the plot", field="output")
     with progress_bar() as progress:
         found = run_bench(runs(quick=quick), progress=progress)
-    if target is not None:
-        path = target / "accuracy-time.md"
-        try:
-            text = path.read_text(encoding="utf-8") if path.exists() else "# What accuracy costs in time\n"
-            path.write_text(put(text, as_markdown(found)), encoding="utf-8")
-            draw(found, target / "accuracy-time.png")
-        except OSError as error:
-            raise OutputFault(f"{path} cannot be written ({error.strerror})") from error
-    if as_json:
-        typer.echo(json.dumps(found.to_json(), allow_nan=False, default=str))
-    else:
-        typer.echo(as_markdown(found) if target is None else f"{path}\n", nl=False)
+    text = json.dumps(found.to_json(), allow_nan=False, default=str) if as_json else as_markdown(found)
+    typer.echo(text, nl=as_json)
 
 
 def doctor(as_json: Json = False) -> None:

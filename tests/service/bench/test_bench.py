@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from service import diagnosis
-from service.bench.report import as_markdown, draw
+from service.bench.report import as_markdown
 from service.bench.runs import (
     COMPARED,
     Row,
@@ -76,7 +75,7 @@ def test_a_process_that_dies_is_a_fault_not_a_hang() -> None:
 
 
 @pytest.mark.slow
-def test_the_table_of_real_avatars(tmp_path: Path) -> None:
+def test_the_table_of_real_avatars() -> None:
     """Three sizes of the sample: less is lost the nearer they come to the largest, and a run that fails is told."""
     options = Options(quality="draft", face="largest", fit="landmarks", hair="none")
     chosen = [Row(f"{width} wide", replace(options, size=(width, width * 2 // 3))) for width in (96, 192, 384)]
@@ -92,8 +91,7 @@ def test_the_table_of_real_avatars(tmp_path: Path) -> None:
     assert found.rows[-1].front and found.line is not None
     json.dumps(found.to_json(), allow_nan=False)
     assert "| 384 wide | " in as_markdown(found) and " same | " in as_markdown(found)
-    draw(found, tmp_path / "plot.png")
-    assert (tmp_path / "plot.png").stat().st_size > 10_000
+    assert [row.processor_s > 0 for row in found.rows] == [False, True, True, True]
 
 
 def test_without_a_reference_there_is_no_table() -> None:
