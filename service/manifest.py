@@ -11,14 +11,18 @@ to the byte. So both keys are null unless they are requested.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Interval, Len, MinLen
 
 from service.errors import NumericFault, UnreadableInput
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 SCHEMA_VERSION: Literal["1.0"] = "1.0"
 """Major: a key changed its meaning or was removed; minor: a key was added."""
@@ -472,10 +476,10 @@ def from_json(data: bytes) -> Manifest:
     Raises:
         UnreadableInput: not a manifest of this schema; the message lists the first faults.
     """
-    from pydantic import TypeAdapter, ValidationError
+    from pydantic import ValidationError
 
     try:
-        return TypeAdapter(Manifest).validate_json(data)
+        return _adapter().validate_json(data)
     except ValidationError as error:
         faults = [f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors()[:3]]
         raise UnreadableInput(f"not a manifest of schema {SCHEMA_VERSION}: {'; '.join(faults)}") from error
@@ -483,10 +487,14 @@ def from_json(data: bytes) -> Manifest:
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of ``manifest.json``."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_adapter().json_schema()}
+
+
+@functools.cache
+def _adapter() -> TypeAdapter[Manifest]:
     from pydantic import TypeAdapter
 
-    schema = TypeAdapter(Manifest).json_schema()
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+    return TypeAdapter(Manifest)
 
 
 def schema_text() -> str:

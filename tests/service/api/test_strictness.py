@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import socket
 from typing import Any
 
@@ -77,14 +76,6 @@ def test_a_photo_that_was_to_be_kept_is_given_back_to_its_owner(shared: Api) -> 
     other = shared.post().json()
     assert other["links"]["photo"] is None
     is_problem(shared.client.get(f"{other['links']['self']}/photo"), 404, "not-found")
-
-
-def test_metadata_come_back_as_they_were(shared: Api) -> None:
-    told = {"customer": "ä", "nested": {"list": [1, 2.5, None]}}
-    files: dict[str, Any] = {"image": ("x.jpg", GOOD, "image/jpeg"), "metadata": (None, json.dumps(told))}
-    job = shared.client.post("/v1/avatars", files=files).json()
-    assert job["metadata"] == told
-    assert shared.client.get(job["links"]["self"]).json()["metadata"] == told
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from service.errors import NumericFault, UnreadableInput
 from service.manifest import from_json, json_schema, to_json
 from tests.service.archive.toys import toy_avatar
 
+SCHEMA = json_schema()
 ROOT = Path(__file__).resolve().parents[3]
 
 
@@ -58,7 +59,7 @@ def test_the_schema_refuses_what_is_wrong(written: dict[str, Any], path: tuple[A
         at = at[key]
     at[path[-1]] = value
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(content, json_schema())
+        jsonschema.validate(content, SCHEMA)
     with pytest.raises(UnreadableInput, match=r"not a manifest of schema 1\.0"):
         from_json(json.dumps(content).encode())
 

@@ -13,8 +13,6 @@ from scipy.spatial import cKDTree
 
 from service.face.reading.part_labels import (
     BACKGROUND,
-    BEARD,
-    BROW,
     CLOTH,
     GLASSES,
     HAIR,
@@ -100,12 +98,7 @@ POINTS = CHART.interpolate(HEAD.mean).astype(float)
 SKIN_PART = HEAD.part_names.index("skin")
 OWN = (CHART.part == SKIN_PART) & CHART.mask
 EYE_Y = float(HEAD.mean[HEAD.region("eyelid_left") > 0.5, 1].mean())
-MOUTH_Y = float(HEAD.mean[HEAD.region("lips") > 0.5, 1].mean())
 BLACK = (0.06, 0.05, 0.05)
-
-
-def chin(points: Array) -> Mask:
-    return np.asarray((points[:, 1] < MOUTH_Y + 0.004) & (points[:, 1] > MOUTH_Y - 0.05) & (points[:, 2] > 0.0))
 
 
 def frame(points: Array) -> Mask:
@@ -135,17 +128,6 @@ def bare_face() -> tuple[Texture, Mask]:
     """The texture of a bare face, and the texels of skin that the photo shows well."""
     bare = made(everything, TONE, SKIN)
     return bare, np.asarray(OWN & (bare.confidence > 200) & (bare.lit_skin > 250))
-
-
-@pytest.mark.parametrize("part", [BEARD, BROW])
-def test_hair_on_the_face_is_seen_and_kept_and_no_light_is_read_from_it(part: int) -> None:
-    """Left out it would be replaced by skin; taken for lit skin its darkness would be taken for shade."""
-    texture = made(chin, BLACK, part)
-    hair, bare = inner(chin) & bare_face()[1], inner(chin, -8) & bare_face()[1]
-    assert hair.sum() > 150 and bare.sum() > 1000
-    assert (texture.confidence[hair] >= SEEN).all() and (texture.lit_skin[hair] < 5).all()
-    assert np.abs(texture.texture[hair] / 255 - BLACK).max() < 0.03
-    assert (texture.lit_skin[bare] > 250).all() and texture.warnings == ()
 
 
 def test_a_frame_is_taken_off_and_the_archive_says_so() -> None:
