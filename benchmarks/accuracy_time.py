@@ -61,13 +61,13 @@ def several(files: Sequence[bytes], counts: Sequence[int]) -> list[str]:
 
 
 def draw(bench: Bench, path: Path) -> None:
-    """Write a plot of how far normals are from the last run's against seconds as PNG."""
+    """Write a plot of how far normals are from the last run's against processor seconds as PNG."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 5), layout="constrained")
     axis = figure.subplots()
     # An identical map has a place on the logarithmic axis.
-    rows = [(row.seconds, max(row.losses["specular_normal"], 1e-4), row) for row in bench.rows if row.losses]
+    rows = [(row.processor_s, max(row.losses["specular_normal"], 1e-4), row) for row in bench.rows if row.losses]
     points = sorted(rows, key=lambda one: one[:2])
     front = [(seconds, loss) for seconds, loss, row in points if row.front]
     axis.plot([seconds for seconds, _ in front], [loss for _, loss in front], "-", color="tab:red", linewidth=1)
@@ -75,7 +75,7 @@ def draw(bench: Bench, path: Path) -> None:
         axis.plot(seconds, loss, "o", color="tab:red" if row.front else "tab:gray", markersize=7 if row.front else 4)
         place = (4, 5) if row.front else (4, -9)
         axis.annotate(row.label, (seconds, loss), fontsize=7, xytext=place, rotation=30, textcoords="offset points")
-    axis.set_xlabel("seconds from the photo to the archive")
+    axis.set_xlabel("processor seconds from the photo to the archive")
     axis.set_xscale("log")
     axis.set_ylabel("specular normals: mean angle to the reference, degrees")
     axis.set_yscale("log")

@@ -68,7 +68,7 @@ class Row:
         engines: runtime and precision of the networks, in words.
         losses: by map against the last run: root mean square of coded colours in [0, 1], or mean degrees of normals.
         truth: decibels against what was rendered, by what was judged; empty where the truth is not known.
-        front: whether no other run is faster and better.
+        front: whether no other run takes less of the processor and is better.
     """
 
     label: str
@@ -86,7 +86,7 @@ class Row:
 
     @property
     def badness(self) -> list[float]:
-        """What counts beside seconds, smaller is better: decibels to the truth where it is known, else losses."""
+        """What counts beside processor seconds, smaller is better: decibels to a known truth, else losses."""
         return [-value for value in self.truth.values()] or list(self.losses.values())
 
     @property
@@ -257,7 +257,7 @@ def run_bench(
                 rows.append(replace(run, fault=fault.message))
         with np.load(files[-1]) as best:
             rows = [replace(row, losses=_losses(file, best)) for row, file in zip(rows, files, strict=True)]
-    costs = [[row.seconds, *row.badness] for row in rows]
+    costs = [[row.processor_s, *row.badness] for row in rows]
     width = max(map(len, costs))
     front = pareto([cost + [float("nan")] * (width - len(cost)) for cost in costs])
     return Bench(
