@@ -136,7 +136,8 @@ class Sight:
         ]
         dense = blurred(np.stack(sums, -1).astype(np.float32), SOFT_CELLS)
         covered = ramp(1 - np.exp(-dense[..., 0] * 10_000 / len(strands) / COVERS), SHOWS)
-        return Drawn(np.asarray(covered, np.float32), dense[..., 1:] / np.maximum(dense[..., :1], np.float32(1e-6)))
+        mean = dense[..., 1:] / np.maximum(dense[..., :1], 1e-6)
+        return Drawn(np.asarray(covered, np.float32), np.asarray(mean, np.float32))
 
 
 def overlap(shown: Float32, mask: Float32, known: Float32) -> float:
