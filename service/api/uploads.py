@@ -115,7 +115,7 @@ def _one_of(name: str, value: bytes, allowed: tuple[str, ...]) -> str:
     return text
 
 
-class Body:
+class UploadBody:
     """A body that is the photo itself, taken a piece at a time, in worker threads.
 
     Args:
@@ -157,7 +157,7 @@ class Body:
         self._stream.write(data)
 
 
-class Multipart(Body):
+class Multipart(UploadBody):
     """A form with the photo, or several of one person, as its parts ``image`` (RFC 7578).
 
     Args:
@@ -193,7 +193,7 @@ class Multipart(Body):
         self._fault: ProblemError | AvatarError | None = None
 
     def write(self, data: bytes) -> None:
-        """As :meth:`Body.write`."""
+        """As :meth:`UploadBody.write`."""
         self._empty = self._empty and not data
         try:
             self._parser.write(data)
@@ -201,7 +201,7 @@ class Multipart(Body):
             raise ProblemError("malformed-multipart", 400) from error
 
     def finish(self) -> None:
-        """As :meth:`Body.finish`."""
+        """As :meth:`UploadBody.finish`."""
         if self._empty:
             raise ProblemError("missing-file", 400)
         if not self._closed:
@@ -308,7 +308,7 @@ async def received(request: Request, settings: Settings, max_bytes: int) -> Asyn
     settings.incoming.mkdir(parents=True, exist_ok=True, mode=0o700)
     try:
         with upload.path.open("xb") as stream:
-            await _pump(request, Multipart(upload, stream, header) if form else Body(upload, stream), settings)
+            await _pump(request, Multipart(upload, stream, header) if form else UploadBody(upload, stream), settings)
         yield upload
     finally:
         upload.path.unlink(missing_ok=True)
@@ -329,7 +329,7 @@ def _take_parameters(request: Request, upload: Upload, *, form: bool) -> None:
         upload.options = query_options(named)
 
 
-async def _pump(request: Request, body: Body, settings: Settings) -> None:
+async def _pump(request: Request, body: UploadBody, settings: Settings) -> None:
     loop = asyncio.get_running_loop()
     begin, count, batch = loop.time(), 0, bytearray()
     try:

@@ -145,7 +145,7 @@ _LINEAR, _MIPMAPS, _CLAMP = 9729, 9987, 33071
 
 
 @dataclass(frozen=True)
-class Picture:
+class EncodedPicture:
     """An encoded texture: ``data`` in format ``mime`` ("image/png" or "image/jpeg")."""
 
     data: bytes
@@ -155,7 +155,7 @@ class Picture:
 class GltfMaterials:
     """Collects the materials of a file and the textures that they use."""
 
-    def __init__(self, writer: GltfWriter, charts: Mapping[str, Picture], own: Mapping[str, bytes]) -> None:
+    def __init__(self, writer: GltfWriter, charts: Mapping[str, EncodedPicture], own: Mapping[str, bytes]) -> None:
         """For a file.
 
         Args:
@@ -249,10 +249,10 @@ class GltfMaterials:
             return self._known[id(one), slot]
         pixels = packed(one.pixels, slot)
         whole = pixels is one.pixels and one.name in self._own and not _as_jpeg(pixels, slot)
-        picture = Picture(self._own[one.name], "image/png") if whole else _encoded(pixels, slot)
+        picture = EncodedPicture(self._own[one.name], "image/png") if whole else _encoded(pixels, slot)
         return self._image(one.name, slot, picture, id(one))
 
-    def _image(self, name: str, slot: str, picture: Picture, key: int | None = None) -> int:
+    def _image(self, name: str, slot: str, picture: EncodedPicture, key: int | None = None) -> int:
         key = id(picture) if key is None else key
         if (key, slot) not in self._known:
             view = self._writer.add_raw(picture.data)
@@ -266,10 +266,10 @@ def _as_jpeg(pixels: UInt8, slot: Slot) -> bool:
     return slot == "colour" and pixels.shape[2] == 3
 
 
-def _encoded(pixels: UInt8, slot: Slot) -> Picture:
+def _encoded(pixels: UInt8, slot: Slot) -> EncodedPicture:
     if _as_jpeg(pixels, slot):
-        return Picture(encode_jpeg(pixels, JPEG_QUALITY), "image/jpeg")
-    return Picture(encode_png_rows(Rows.of(pixels), srgb=slot == "colour"), "image/png")
+        return EncodedPicture(encode_jpeg(pixels, JPEG_QUALITY), "image/jpeg")
+    return EncodedPicture(encode_png_rows(Rows.of(pixels), srgb=slot == "colour"), "image/png")
 
 
 def packed(pixels: UInt8, slot: Slot) -> UInt8:
@@ -293,7 +293,7 @@ def chart_textures(
     specular: UInt8 | None = None,
     roughness: UInt8 | None = None,
     cavity: UInt8 | None = None,
-) -> dict[str, Picture]:
+) -> dict[str, EncodedPicture]:
     """Textures of the chart by role, each (h, w, 3) or (h, w) in the channels where glTF reads it.
 
     Normals are of tangent space, +Y up. Specular albedo is in alpha (KHR_materials_specular): the factor scales F0 =
@@ -315,7 +315,7 @@ def chart_textures(
 
 def glb_bytes(
     parts: Sequence[MeshPart],
-    charts: Mapping[str, Picture],
+    charts: Mapping[str, EncodedPicture],
     *,
     units: Sequence[str],
     expression: Mapping[str, float],

@@ -15,7 +15,7 @@ from service import GENERATOR
 from service.archive.avatar import Avatar, drawn_parts, licences_text
 from service.archive.container import write_file, write_stream
 from service.archive.describe import describe
-from service.archive.glb import Picture, glb_bytes, weights_by_name
+from service.archive.glb import EncodedPicture, glb_bytes, weights_by_name
 from service.archive.images import encode_jpeg, encode_png
 from service.archive.maps import MapFiles, chart_pictures, chart_values, encode_map, map_files, map_wanted
 from service.archive.obj import data_maps, mtl_bytes, obj_bytes, parts_obj_bytes
@@ -71,7 +71,7 @@ def meshes(
     avatar: Avatar,
     parts: Sequence[MeshPart],
     maps: MapFiles,
-    pictures: Callable[[], Mapping[str, Picture]],
+    pictures: Callable[[], Mapping[str, EncodedPicture]],
     values: Callable[[], Mapping[str, Float32]],
     textures: Callable[[], Mapping[str, bytes]],
 ) -> dict[str, bytes]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from service.archive.container import ArchiveFile
-from service.archive.glb import Picture, chart_textures, glb_bytes
+from service.archive.glb import EncodedPicture, chart_textures, glb_bytes
 from service.archive.images import NORMAL_SCALE, NORMAL_ZERO, encode_png
 from service.archive.reading import unpack_map
 from service.arrays import UInt8
@@ -38,7 +38,7 @@ class Channel(NamedTuple):
 
 
 @dataclass
-class Charts:
+class KitCharts:
     """Maps of the chart of an archive, decoded when they are needed, square: engines want powers of two.
 
     Attributes:
@@ -86,9 +86,9 @@ class Charts:
         return planes[0] if len(planes) == 1 else np.stack(planes, -1)
 
 
-def glb_charts(charts: Charts) -> dict[str, Picture]:
+def glb_charts(charts: KitCharts) -> dict[str, EncodedPicture]:
     """Textures of the chart for ``service.archive.glb``, no larger than ``IN_GLB``, by role."""
-    small = Charts(charts.source, IN_GLB, {role: _square(codes, IN_GLB) for role, codes in charts._read.items()})
+    small = KitCharts(charts.source, IN_GLB, {role: _square(codes, IN_GLB) for role, codes in charts._read.items()})
     plain = {
         slot: small.codes(role)[..., 0] if small.has(role) else None
         for slot, role in (("specular", "specular_albedo"), ("roughness", "roughness"), ("cavity", "cavity"))
@@ -121,7 +121,7 @@ class Packed:
 
     name: str
     needs: tuple[str, ...]
-    make: Callable[[Charts], UInt8]
+    make: Callable[[KitCharts], UInt8]
     use: str
     srgb: bool = False
 
@@ -182,7 +182,7 @@ def write_engine_kit(source: ArchiveFile, folder: Path, tool: str) -> list[Path]
         BadArchive: the archive cannot be used.
         OutputFault: a file could not be written.
     """
-    charts = Charts(source)
+    charts = KitCharts(source)
     more = ("mesh/head.usda", "mesh/head.mtlx", "maps/") if tool == "maya" else ()
     always = ("LICENSES.md", "maps/displacement.png", "maps/wrinkle_", "mesh/hair.usda")
     written = extract(source, folder, (*always, *more))
