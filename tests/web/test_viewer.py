@@ -185,6 +185,16 @@ def test_words_for_what_was_measured(head: Page) -> None:
     assert not any(character.isdigit() for character in text), "numbers are for artists"
 
 
+def test_gloss_and_pores_come_from_their_maps(head: Page) -> None:
+    """The file's pictures of both, which are coded as glTF wants them, were taken for the maps."""
+    full = show(head, "lit")
+    for name, least in (("use-specular", 0.001), ("use-normals", 0.0003)):
+        head.click(f"#{name}")
+        assert difference(full, picture(head)) > least, name
+        head.click(f"#{name}")
+    assert difference(full, picture(head)) == 0
+
+
 def test_a_film_of_the_turn_can_be_saved(head: Page, tmp_path: Path) -> None:
     before = show(head, "lit")
     head.click("#pictures > summary")
