@@ -31,8 +31,8 @@ OF_A_WORKER = (
     "service.jobs.store:Store.begin:after",
     "service.jobs.store:Store.progress:after",
     "service.jobs.workflow:Runner._store:before",  # the archive is written, and is not in its place
-    "service.jobs.artifacts:os.fsync:after",  # ... flushed, and not renamed
-    "service.jobs.artifacts:_sync:before",  # ... renamed, and the folder is not flushed
+    "service.places:os.fsync:after",  # ... flushed, and not renamed
+    "service.places:_sync:before",  # ... renamed, and the folder is not flushed
     "service.jobs.artifacts:Artifacts.put:after",
     "service.jobs.store:Store.succeed:before",  # the step "make" is recorded
     "service.jobs.store:Store.succeed:after",  # the owner can see the end, and the queue does not know of it
@@ -42,7 +42,7 @@ OF_A_WORKER = (
 
 OF_A_SERVER = (
     "service.jobs.artifacts:Artifacts.put:before",  # the photo has arrived and was looked through
-    "service.jobs.artifacts:os.fsync:after",
+    "service.places:os.fsync:after",
     "service.jobs.artifacts:Artifacts.put:after",  # the photo is on the disk, and nobody knows of it
     "service.jobs.queue:Queue.put:after",  # the job and its place in the queue are written, and not committed
     "service.jobs.store:Store.add:after",  # committed, and not answered
