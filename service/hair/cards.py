@@ -374,9 +374,11 @@ def _cap(groom: Groom, scalp: Scalp) -> tuple[Float32, Float32, Float32, Int32]:
     corners = scalp.corners.reshape(-1, 3)
     _, first, same = np.unique(np.round(corners, 6), axis=0, return_index=True, return_inverse=True)
     points, normals = corners[first], scalp.normals.reshape(-1, 3)[first]
-    apart, _ = cKDTree(groom.strands[:, 0]).query(points, k=min(ROOTS_ROUND, len(groom)))
+    # Strands that fill the hairline share their roots: they make no denser hair than there is elsewhere.
+    roots = np.unique(np.round(groom.strands[:, 0], 4), axis=0)
+    apart, _ = cKDTree(roots).query(points, k=min(ROOTS_ROUND, len(roots)))
     mean = np.asarray(apart).reshape(len(points), -1).mean(1)
-    usual = float(np.median(mean[mean < THIN_M])) if (mean < THIN_M).any() else THIN_M
+    usual = float(np.quantile(mean[mean < THIN_M], 0.7)) if (mean < THIN_M).any() else THIN_M
     thick, thin = FULL
     cover = np.clip((thin - mean / max(usual, 1e-4)) / (thin - thick), 0, 1)
     faces = same.reshape(-1, 3).astype(np.int32)
