@@ -1,4 +1,4 @@
-"""Side by side: ``python -m models.lightstage.figure --data DIR -o docs/lightstage-skin.png``.
+"""Side by side: ``python -m models.lightstage.figure --data DIR -o docs/lightstage-skin.jpg``.
 
 Of the real skins only the Lee Perry-Smith scan (Infinite-Realities, CC BY 3.0) may be shown.
 """
@@ -18,7 +18,6 @@ from models.lightstage.references import SCAN_PPM, read
 from models.lightstage.sheet import image, lit
 from models.lightstage.stage import Stage
 from models.lightstage.statistics import FULL_PPM
-from service.archive.images import encode_png
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -73,10 +72,10 @@ def draw(data: Path) -> Bytes:
 
 def main(
     data: Annotated[Path, typer.Option(help="Folder of reference scans.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="PNG to write.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="JPEG to write.")],
 ) -> None:
     """Write the figure."""
-    out.write_bytes(encode_png(draw(data), srgb=True, level=9))
+    cv2.imwrite(str(out), draw(data)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
     typer.echo(str(out))
 
 

@@ -46,10 +46,11 @@ def with_sex(identity: Float, male: bool, spread: float) -> Float:
 
 def measure() -> Float:
     """(K,) float32 :func:`manly`, measured."""
-    from models.head.build import UNIT_M, align, crop_head, find_data, read_base
+    from models.head.crop import crop_head
+    from models.head.identity import align
     from models.head.macro import Person, macro_paths, macro_weights
     from models.head.sample import draw_person
-    from models.head.source import read_target
+    from models.head.source import UNIT_M, find_data, read_base, read_target
     from service.head.files import load_head
 
     data, head = find_data(None), load_head()
@@ -57,7 +58,7 @@ def measure() -> Float:
     crop = crop_head(base)
     targets = [read_target(path, crop.operator.shape[1]) for path in macro_paths(data)]
     macro = UNIT_M * np.stack([crop.operator @ target for target in targets])
-    template, face = UNIT_M * (crop.operator @ base.vertices), head.region("face")
+    template, face = UNIT_M * (crop.operator @ base.vertices), np.asarray(head.region("face"), np.float64)
     random, apart = np.random.default_rng(0), np.zeros((len(head.mean), 3))
     for _ in range(PAIRS):
         p = draw_person(random)
