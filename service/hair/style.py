@@ -250,7 +250,7 @@ def sample_style(seed: int, chance: Mapping[str, float] = CHANCE) -> Style:
             changes |= {name: min(float(str(changes[name])), STANDS_MM) for name in ("top_mm", "fringe_mm")}
         if changes["combing"] == "forward" and base.kind != "crop":  # hangs over the forehead
             changes |= {"fringe_mm": float(rng.uniform(45, 95)), "parting": "none", "kind": f"{base.kind}_fringe"}
-        changes["fade"] = _near(base.fade, 0.2, rng) if rng.random() < 0.4 else 0.0
+        changes["fade"] = min(_near(base.fade, 0.1, rng), 0.4) if rng.random() < 0.4 else 0.0
         changes["receding"] = float(np.clip(rng.normal(0, 0.5), 0, 1)) if rng.random() < 0.5 else 0.0
         changes["crown"] = float(rng.uniform(0.3, 1)) if rng.random() < 0.12 else 0.0
     elif base.kind == "ponytail":
