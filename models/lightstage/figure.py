@@ -18,6 +18,7 @@ from models.lightstage.references import SCAN_PPM, read
 from models.lightstage.sheet import image, lit
 from models.lightstage.stage import Stage
 from models.lightstage.statistics import FULL_PPM
+from service.archive.images import encode_jpeg
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -75,7 +76,7 @@ def main(
     out: Annotated[Path, typer.Option("-o", "--out", help="JPEG to write.")],
 ) -> None:
     """Write the figure."""
-    cv2.imwrite(str(out), draw(data)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
+    out.write_bytes(encode_jpeg(draw(data)))
     typer.echo(str(out))
 
 

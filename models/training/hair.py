@@ -11,25 +11,22 @@ measurement on held-out people, whose grooms are never trained on.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
-from torch.utils.data import DataLoader
 
 from models.networks.hair import COUNTS, SIZES, HairReader, ReadHair
 from models.networks.reader import ReaderSize
 from models.people.shards import UNKNOWN
-from models.training.hair_data import FIRST, Crops, HairBatch, People, batch_of, example, read_people
-from models.training.people_run import PeopleRun
+from models.training.hair_data import FIRST, HairBatch, HairCrops, People, batch_of, example, read_people
+from models.training.people_run import CHECKPOINT, PeopleRun, batches
 from models.training.reader import shards
 from models.training.restore import weights_of
-from service.errors import ModelFault
 from service.hair.kinds import KINDS
 from service.runtime.sessions import MODELS
 
@@ -78,26 +75,17 @@ class Run(PeopleRun[HairReader]):
         self.bf16, self.device = bf16, torch.device(device)
         torch.manual_seed(seed)
         network = HairReader(size)
-        path = folder / "checkpoint.pt"
         known = network.body.size == ReaderSize()
-        if known and not path.is_file():
+        if known and not (folder / CHECKPOINT).is_file():
             found = weights_of(MODELS / "reader.onnx")
             network.begin_with({name: found[name] for name in network.body.state_dict()})
         network = network.to(self.device)
         body = list(network.body.parameters())
         own = [p for name, p in network.named_parameters() if not name.startswith("body.")]
         groups = [{"params": body, "share": BODY_RATE if known else 1.0}, {"params": own, "share": 1.0}]
-        super().__init__("hair", folder, network, torch.optim.AdamW(groups, RATE, weight_decay=DECAY))
-        if path.is_file():
-            content = torch.load(path, map_location=self.device, weights_only=True)
-            there = ReaderSize(**content.get("size", dataclasses.asdict(ReaderSize())))
-            if there != network.body.size:
-                raise ModelFault(f"{path} is a run of {there}, not of {network.body.size}: give its --size")
-            self.resume(content)
-
-    def more(self) -> dict[str, Any]:
-        """Size of the network."""
-        return {"size": dataclasses.asdict(self.network.body.size)}
+        optimiser = torch.optim.AdamW(groups, RATE, weight_decay=DECAY)
+        super().__init__("hair", folder, network, optimiser, network.body.size)
+        self.go_on(self.device)
 
     def train_step(self, batch: HairBatch, left: float) -> dict[str, float]:
         """One step; ``left`` is the share of the run that remains.
@@ -167,12 +155,13 @@ def train(
         ModelFault: there is nothing to train on.
     """
     apart = [read_people(path) for path in shards(data, held_out=True)]
-    source = Crops(lambda: shards(data, held_out=False), batch, [seed, run.step], AT_ONCE // max(workers, 1) + FIRST)
-    batches = iter(DataLoader(source, None, num_workers=workers, prefetch_factor=4 if workers else None))
+    at_once = AT_ONCE // max(workers, 1) + FIRST
+    source = HairCrops(lambda: shards(data, held_out=False), batch, [seed, run.step], at_once)
+    made: Iterator[HairBatch] = batches(source, workers)
     begun, before = time.monotonic(), run.seconds
     sums: dict[str, float] = {}
     while run.step < steps and time.monotonic() - begun < 60 * sitting:
-        for name, value in run.train_step(next(batches), 1 - run.step / steps).items():
+        for name, value in run.train_step(next(made), 1 - run.step / steps).items():
             sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
         run.seconds = before + time.monotonic() - begun
         if run.step % every == 0 or run.step >= steps:

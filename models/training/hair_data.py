@@ -179,7 +179,7 @@ def batch_of(examples: list[HairBatch]) -> HairBatch:
     return HairBatch(*(torch.cat([getattr(one, f.name) for one in examples]) for f in fields(HairBatch)))
 
 
-class Crops(IterableDataset[HairBatch]):
+class HairCrops(IterableDataset[HairBatch]):
     """Endless batches of spoilt crops from the shards that there are; each worker of a loader has a pool of its own.
 
     Args:

@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor, nn
+from torch.utils.data import DataLoader, IterableDataset
 
+from models.networks.reader import ReaderSize
 from models.training.moving_average import MOST, follow
 from service.errors import ModelFault
 
 N = TypeVar("N", bound=nn.Module)
+B = TypeVar("B")
+
+CHECKPOINT = "checkpoint.pt"
+
+
+def batches(source: IterableDataset[B], workers: int) -> Iterator[B]:
+    """The batches of a source, made by ``workers`` processes; 0: by this one."""
+    return iter(DataLoader(source, None, num_workers=workers, prefetch_factor=4 if workers else None))
 
 
 class PeopleRun(Generic[N]):
@@ -25,32 +37,43 @@ class PeopleRun(Generic[N]):
         folder: of ``checkpoint.pt`` and ``log.jsonl``.
         network: on its device, as it begins.
         optimiser: of its parameters; groups with a ``share`` take that share of the rate.
+        size: of its body.
     """
 
-    def __init__(self, name: str, folder: Path, network: N, optimiser: torch.optim.Optimizer) -> None:
-        self.name, self.folder, self.network, self.optimiser = name, folder, network, optimiser
+    def __init__(
+        self, name: str, folder: Path, network: N, optimiser: torch.optim.Optimizer, size: ReaderSize
+    ) -> None:
+        self.name, self.folder, self.network, self.optimiser, self.size = name, folder, network, optimiser, size
         self.average = copy.deepcopy(network).eval().requires_grad_(False)
         self.step, self.seconds = 0, 0.0
 
-    def resume(self, content: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+    def go_on(self, device: torch.device) -> None:
+        """Go on from the folder's checkpoint, where there is one.
+
+        Raises:
+            ModelFault: its network is of another size.
+        """
+        path = self.folder / CHECKPOINT
+        if not path.is_file():
+            return
+        content = torch.load(path, map_location=device, weights_only=True)
+        there = ReaderSize(**content.get("size", dataclasses.asdict(ReaderSize())))
+        if there != self.size:
+            raise ModelFault(f"{path} is a run of {there}, not of {self.size}: give its --size")
         for name in ("network", "average", "optimiser"):
             getattr(self, name).load_state_dict(content[name])
         self.step, self.seconds = content["step"], content["seconds"]
-
-    def more(self) -> dict[str, Any]:
-        """What else the checkpoint holds."""
-        return {}
 
     def save(self) -> None:
         """Write the checkpoint, whole or not at all."""
         content = {
             "network": self.network.state_dict(), "average": self.average.state_dict(),
-            "optimiser": self.optimiser.state_dict(), "step": self.step, "seconds": self.seconds, **self.more(),
+            "optimiser": self.optimiser.state_dict(), "step": self.step, "seconds": self.seconds,
+            "size": dataclasses.asdict(self.size),
         }  # fmt: skip
         part = self.folder / "checkpoint.part"
         torch.save(content, part)
-        part.replace(self.folder / "checkpoint.pt")
+        part.replace(self.folder / CHECKPOINT)
 
     def set_rate(self, rate: float) -> None:
         """Learning rate of the next step."""

@@ -11,22 +11,19 @@ from __future__ import annotations
 
 import argparse
 import copy
-import dataclasses
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
-from torch.utils.data import DataLoader
 
 from models.networks.reader import CHART_MM, PARTS, READER_SIZES, Read, Reader, ReaderSize, flops
-from models.training.people_run import PeopleRun
-from models.training.reader_data import Batch, Crops, batch_of, read_cells, shard_seed
+from models.training.people_run import PeopleRun, batches
+from models.training.reader_data import Batch, ReaderCrops, batch_of, read_cells, shard_seed
 from models.training.restore import weights_of
 from service.errors import ModelFault
 from service.face.reading import part_labels as labels
@@ -122,13 +119,9 @@ class Run(PeopleRun[Reader]):
         torch.manual_seed(seed)
         self.device = torch.device(device)
         network = Reader(size).to(self.device)
-        super().__init__("reader", folder, network, torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY))
-        path = folder / "checkpoint.pt"
-        if path.is_file():
-            content = torch.load(path, map_location=self.device, weights_only=True)
-            if ReaderSize(**content["size"]) != self.network.size:
-                raise ModelFault(f"{path} is a run of {content['size']}, not of {self.network.size}: give its --size")
-            self.resume(content)
+        optimiser = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
+        super().__init__("reader", folder, network, optimiser, network.size)
+        self.go_on(self.device)
 
     def take(self, path: Path) -> None:
         """Begin with the weights of an ONNX file of the service; the optimiser begins afresh.
@@ -143,10 +136,6 @@ class Run(PeopleRun[Reader]):
                 raise ModelFault(f"{path} has no {name} of {tuple(values.shape)}; was its size {self.network.size}?")
         for network in (self.network, self.average):
             network.load_state_dict({name: found[name] for name in state})
-
-    def more(self) -> dict[str, Any]:
-        """Size of the network."""
-        return {"size": dataclasses.asdict(self.network.size)}
 
     def train_step(self, batch: Batch, left: float, bf16: bool) -> dict[str, float]:
         """One step; ``left`` is the share of the run's time that remains.
@@ -185,8 +174,8 @@ def train(
     At most ``sitting`` minutes now. ``workers`` processes make the batches, or this one does.
     """
     apart = shards(data, held_out=True)
-    source = Crops(lambda: shards(data, held_out=False), batch, run.step)
-    batches = iter(DataLoader(source, None, num_workers=workers, prefetch_factor=4 if workers else None))
+    source = ReaderCrops(lambda: shards(data, held_out=False), batch, run.step)
+    made: Iterator[Batch] = batches(source, workers)
     begun, before, saved = time.monotonic(), run.seconds, run.seconds
     sums: dict[str, float] = {}
 
@@ -196,7 +185,7 @@ def train(
         return spent / length if length > 0 else 1.0
 
     while done() < 1.0 and time.monotonic() - begun < 60 * sitting:
-        for name, value in run.train_step(next(batches), 1.0 - done(), bf16).items():
+        for name, value in run.train_step(next(made), 1.0 - done(), bf16).items():
             sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
         run.seconds = before + time.monotonic() - begun
         if run.seconds - saved > 60.0 * every or done() >= 1.0:

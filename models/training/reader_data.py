@@ -165,7 +165,7 @@ class Pool:
         )
 
 
-class Crops(IterableDataset[Batch]):
+class ReaderCrops(IterableDataset[Batch]):
     """Endless augmented batches; each worker of a loader has a pool and random numbers of its own.
 
     Args:

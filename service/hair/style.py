@@ -172,7 +172,7 @@ NAMED: Mapping[str, Style] = {
 }  # fmt: skip
 """Ten styles that most people can be given."""
 
-CHANCE: Mapping[str, float] = {
+_CHANCE: Mapping[str, float] = {
     "shaved": 0.06, "crop": 0.13, "side_part": 0.11, "slicked_back": 0.06, "afro": 0.06, "bob": 0.12, "curly": 0.10,
     "long_wavy": 0.12, "ponytail": 0.14, "bun": 0.10,
 }  # fmt: skip
@@ -209,7 +209,7 @@ _ENDS: Mapping[str, tuple[float, float]] = {
 """Heights between which random hair is cut."""
 
 
-def sample_style(seed: int, chance: Mapping[str, float] = CHANCE) -> Style:
+def sample_style(seed: int, chance: Mapping[str, float] = _CHANCE) -> Style:
     """A random style; the same for the same seed and chances of :data:`NAMED` (which add up to 1)."""
     rng = np.random.default_rng([seed, 0x4A1])
     kinds = list(NAMED)
