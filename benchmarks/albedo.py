@@ -16,11 +16,10 @@ what a changed fit does.
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +44,6 @@ from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.subject import Subject
 from service.runtime.networks import choose_engine
 from service.runtime.sessions import MODELS
-from service.stage_cache import NoCache, StageCache
 
 T = TypeVar("T")
 Float = npt.NDArray[np.float64]
@@ -65,27 +63,6 @@ LEAST = 0.5
 """Weight of a region on a texel from which a pixel belongs to it."""
 FEWEST = 40
 """Fewest pixels of a region that a photo has to show."""
-KEPT = ("level", "decode", "detect", "read", "fit", "texture", "compare")
-"""Stages of the pipeline before the networks of this benchmark."""
-
-
-class OnDisk:
-    """Keeps the stages before the networks in a folder; ``service.stage_cache.StageCache``."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    def get_or_compute(self, name: str, make: Callable[[], T], on: Sequence[Any] = ()) -> T:
-        """The result of stage ``name``: the kept one, else what ``make`` returns."""
-        file = self._folder / f"{name}.pickle"
-        if name in KEPT and file.is_file():
-            kept: T = pickle.loads(file.read_bytes())  # noqa: S301 - written here
-            return kept
-        result = make()
-        if name in KEPT:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(pickle.dumps(result))
-        return result
 
 
 @dataclass(frozen=True)
@@ -169,13 +146,13 @@ def albedo_of(made: Reflectance | None) -> npt.NDArray[np.float64]:
     return np.asarray(made.diffuse_albedo / FULL_CODE, np.float64)
 
 
-def made(photo: Photo, models: Path, stages: StageCache) -> tuple[Avatar, npt.NDArray[np.float64]]:
+def made(photo: Photo, models: Path) -> tuple[Avatar, npt.NDArray[np.float64]]:
     """The avatar, and its albedo by the networks of a folder."""
     options = Options(maps=("diffuse_albedo",), quality="draft", size=SIZE, face="largest")
     if models == MODELS:
-        avatar = make_avatar(photo.data, options, stages=stages)
+        avatar = make_avatar(photo.data, options)
         return avatar, albedo_of(avatar.reflectance)
-    avatar = make_avatar(photo.data, replace(options, maps=("texture",)), stages=stages)
+    avatar = make_avatar(photo.data, replace(options, maps=("texture",)))
     subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
     engine = choose_engine(options.runtime, precision=options.level.precision, folder=models)
     return avatar, albedo_of(make_reflectance(avatar.texture.texture, subject, options.plan(), SIZE, engine))
@@ -231,24 +208,15 @@ def main(
     cache: Annotated[Path, typer.Option(help="Folder that keeps what was rendered.")] = CACHE,
     models: Annotated[Path, typer.Option(help="Folder of networks to ask.")] = MODELS,
     wanted: Annotated[str, typer.Option("--photos", help="Names with commas between.")] = ",".join(PHOTOS),
-    keep: Annotated[bool, typer.Option(help="Keep fits and textures beside the photos.")] = False,
-    sheet: Annotated[Path | None, typer.Option(help="Folder for pictures: albedo of each photo on the chart.")] = None,
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into.")] = None,
 ) -> None:
     """Print the tables."""
-    import cv2
-
     folder, planes, found = data_folder(None if data is None else str(data)), regions_of(), {}
     cache.mkdir(parents=True, exist_ok=True)
     for photo in photos(folder, cache, wanted.split(",")):
-        stages = OnDisk(cache / "stages" / photo.name) if keep else NoCache()
-        avatar, albedo = made(photo, models, stages)
+        avatar, albedo = made(photo, models)
         found[photo.name] = judged(Judge.of(photo, avatar), albedo, planes)
         typer.echo(f"{photo.name}: {found[photo.name].score.raw:.1f} dB", err=True)
-        if sheet is not None:
-            sheet.mkdir(parents=True, exist_ok=True)
-            pair = np.concatenate([cv2.resize(avatar.texture.texture, SIZE), np.rint(255 * albedo)], 0)
-            cv2.imwrite(str(sheet / f"{photo.name}.png"), np.ascontiguousarray(pair[..., ::-1]).astype(np.uint8))
     if not found:
         raise SystemExit(f"--photos names none of {', '.join(PHOTOS)}")
     tell("\n".join(tables(found)), MARK, write)

@@ -4,14 +4,10 @@
 
     python -m benchmarks.chaos --real --kills 50
 
-    python -m benchmarks.chaos --workers 3 --kills 80
-
 Jobs are those of ``tests.support.toy_job``, with ``--real`` small drafts of the shipped pipeline, of four photos. Every
 kill is SIGKILL to the whole process tree, to the server alone or to the worker alone. The moments are spread evenly
 over ``Work.points``: while a photo is taken in, in each stage, while the archive is packed and published, and soon
-after a start. With ``--workers`` several workers share one Postgres (Debian's package postgresql), and the one that
-came to the point is killed; the last is frozen in the middle third, the line of the first is slow and then dead for a
-while, again and again, and Postgres is stopped once as by a power cut.
+after a start. ``benchmarks.batch_chaos`` does the same to several workers on one Postgres.
 
 Afterwards every job that was answered with 202 must have succeeded, or failed where its photo has to fail, and been
 told so once; its archive must be that of an undisturbed run byte for byte, no stage whose result was on the disk may
@@ -43,11 +39,8 @@ import httpx
 from service.diagnosis import SAMPLE
 from service.jobs.view import FINAL
 from tests.support.moments import POINTS, REAL_STAGES, reached, really_reached, redone
-from tests.support.postgres import Postgres
-from tests.support.server import TOY, Server, listed, post, small_photo, wait_for
-from tests.support.slow_line import Line
+from tests.support.server import Server, listed, post, small_photo, wait_for
 from tests.support.toy_job import LOG, SECONDS, archive
-from tests.support.workers import Workers
 
 FAILING = {101: "crashed", 104: "no-face", 105: "internal"}
 """Seeds of jobs that have to fail, with the code that they have to fail with; see ``tests.support.toy_job.FAULTS``."""
@@ -127,7 +120,7 @@ class Work(Protocol):
 
 
 class Toys:
-    """Jobs of ``tests.support.toy_job``; some of them have to ``fail``."""
+    """Jobs of ``tests.support.toy_job``; some of them have to fail."""
 
     settings: dict[str, Any] = {}  # noqa: RUF012 - never changed
     options: dict[str, Any] = {}  # noqa: RUF012
@@ -135,12 +128,9 @@ class Toys:
     failing = FAILING
     one_by_one = False
 
-    def __init__(self, *, fail: bool) -> None:
-        self._fail = fail
-
     def photo(self, poster: int, count: int) -> tuple[bytes, int]:
         """Another one each time; one of so many has to fail."""
-        fails = self._fail and count % _EVERY == 0
+        fails = count % _EVERY == 0
         seed = list(FAILING)[count // _EVERY % len(FAILING)] if fails else count % 100
         return small_photo(1000 * poster + count), seed
 
@@ -195,14 +185,13 @@ class Alone:
     Args:
         folder: for its data and log.
         settings: further settings of the server.
-        kills: how many there will be.
     """
 
-    def __init__(self, folder: Path, settings: dict[str, Any], kills: int) -> None:
+    def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
         self.server = Server(folder / "data", settings, {LOG: str(folder / LOG_FILE), SECONDS: "0.15"})
         self.server.start(ready=False)
 
-    def kill(self, number: int, line: str | None, random_: random.Random) -> str:
+    def kill(self, random_: random.Random) -> str:
         """Kill the server, its worker or both, and start again what ended; returns which."""
         kind = random_.choices(("everything", "server", "worker"), (6, 2, 2))[0]
         if kind == "worker":
@@ -231,71 +220,6 @@ class Alone:
         self.server.stop()
 
 
-class Several:
-    """A server, workers and a Postgres, with a line to it that can be slow and dead; arguments as of ``Alone``."""
-
-    def __init__(self, folder: Path, settings: dict[str, Any], kills: int, count: int) -> None:
-        self._kills, self._over = kills, threading.Event()
-        self._postgres = Postgres(folder)
-        self._postgres.start()
-        settings = {
-            "database": self._postgres.url, "artifacts": f"file://{folder}/data/artifacts", "program": TOY,
-            "reserve_mb": 1, "niceness": 0, **{name: value for name, value in settings.items() if name != "jobs"},
-        }  # fmt: skip
-        self.server = Server(folder / "data", settings, with_worker=False)
-        self.server.start(ready=False)
-        self._line = Line(self._postgres.port)
-        own = {"w0": {"database": self._postgres.url_by(self._line.port)}}
-        names = [f"w{number}" for number in range(count)]
-        self._workers = Workers(folder, settings, names, own, folder / LOG_FILE, 0.3)
-        self._disturbs = threading.Thread(target=self._disturb_line)
-        self._disturbs.start()
-        self.server.wait("readyz")
-
-    def kill(self, number: int, line: str | None, random_: random.Random) -> str:
-        """Kill the worker that wrote the line, or another; at a third, half and two thirds do what else there is."""
-        names = list(self._workers.running)
-        if number == self._kills // 3:
-            self._workers.signal(names[-1], signal.SIGSTOP)
-        if number == self._kills // 2:
-            self._postgres.stop("immediate")
-            time.sleep(8)
-            self._postgres.start()
-        if number == self._kills * 2 // 3:
-            self._workers.signal(names[-1], signal.SIGCONT)
-        owner = self._workers.owner(line) if line else None
-        self._workers.signal(owner or random_.choice(names[:-1]), signal.SIGKILL)
-        self._workers.restart()
-        return "one of several workers"
-
-    def mend(self) -> None:
-        """As of ``Alone``."""
-        self._over.set()
-        self._disturbs.join()
-        self._workers.signal(list(self._workers.running)[-1], signal.SIGCONT)
-        self._workers.restart()
-
-    def stop(self) -> None:
-        """As of ``Alone``."""
-        self._over.set()
-        self._workers.stop()
-        self.server.kill()
-        self._line.close()
-        with contextlib.suppress(subprocess.CalledProcessError):
-            self._postgres.stop()
-
-    def _disturb_line(self, whole: float = 40.0) -> None:
-        """Good for a while, late by 0.5 to 2 s as long, dead for 20 to 40 s; and again until it is over."""
-        while not self._over.wait(whole):
-            self._line.delay = random.uniform(0.5, 2.0)  # noqa: S311 - no secret
-            self._over.wait(whole)
-            self._line.split()
-            self._over.wait(random.uniform(20.0, 40.0))  # noqa: S311
-            self._line.delay = 0.0
-            self._line.mend(forget=random.random() < 0.5)  # noqa: S311
-        self._line.delay = 0.0
-
-
 def chaos(
     folder: Path,
     kills: int,
@@ -307,7 +231,6 @@ def chaos(
     minutes: float = float("inf"),
     jobs: int = 0,
     real: bool = False,
-    workers: int = 0,
 ) -> Findings:
     """Run it.
 
@@ -321,13 +244,12 @@ def chaos(
         minutes: after which no more is killed.
         jobs: post on until so many were accepted.
         real: compute avatars rather than toys.
-        workers: how many on one Postgres; 0 for the server's own on one machine.
     """
     begin = time.monotonic()
     random_ = random.Random(seed)  # noqa: S311 - when to kill is no secret
-    work: Work = Avatars(folder) if real else Toys(fail=not workers)
+    work: Work = Avatars(folder) if real else Toys()
     settings = {"jobs": 2, **work.settings, **(settings or {})}
-    site = Several(folder, settings, kills, workers) if workers else Alone(folder, settings, kills)
+    site = Alone(folder, settings)
     server, findings, over = site.server, Findings(), threading.Event()
     arguments = (server, findings, over, pause, work)
     threads = [threading.Thread(target=_post, args=(number, *arguments)) for number in range(posters)]
@@ -342,7 +264,7 @@ def chaos(
                 met = work.reached(point, folder, lambda: findings.asked)
                 findings.points[point if met is not None else "elsewhere"] += 1
                 time.sleep(random_.uniform(0.0, 2.5 if point == "starting" else 0.1))
-                findings.kills[site.kill(number, met, random_)] += 1
+                findings.kills[site.kill(random_)] += 1
             while len(findings.accepted) < jobs:
                 time.sleep(0.2)
         finally:
@@ -354,9 +276,8 @@ def chaos(
         time.sleep(7)  # leftovers are swept a few seconds after the end of a job
     finally:
         site.stop()
-    if not workers:  # of several, a worker that lost its database computes a stage again
-        findings.redone = redone(folder / LOG_FILE)
-        findings.leftovers = _leftovers(server.data, set(findings.accepted))
+    findings.redone = redone(folder / LOG_FILE)
+    findings.leftovers = _leftovers(server.data, set(findings.accepted))
     findings.seconds = time.monotonic() - begin
     return findings
 
@@ -432,13 +353,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--posters", type=int, default=3)
     parser.add_argument("--pause", type=float, default=1.5, help="seconds between two photos of one poster")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=0, help="so many workers on one Postgres")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="kill no more after so many")
     asked = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="chaos-"))
     findings = chaos(
         folder, asked.kills, posters=asked.posters, pause=asked.pause, seed=asked.seed, minutes=asked.minutes,
-        jobs=asked.jobs, real=asked.real, workers=asked.workers,
+        jobs=asked.jobs, real=asked.real,
     )  # fmt: skip
     if findings.well():
         shutil.rmtree(folder)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
-from benchmarks.albedo import Found, OnDisk, judged, made, regions_of, typology_angle
+from benchmarks.albedo import Found, judged, made, regions_of, typology_angle
 from benchmarks.corrections.__main__ import CACHE
 from benchmarks.corrections.photos import SEEDS, SIZE, Lens, Photo, develop, encoded, kept_exposure
 from benchmarks.corrections.score import Judge
@@ -29,7 +29,6 @@ from benchmarks.shoot import data_folder
 from models.tables import tell
 from service.colour import linear_to_srgb
 from service.runtime.sessions import MODELS
-from service.stage_cache import NoCache
 
 Float = npt.NDArray[np.float64]
 
@@ -101,7 +100,6 @@ def main(
     lights: Annotated[str, typer.Option(help="With commas between.")] = "soft,left",
     models: Annotated[Path, typer.Option(help="Folder of networks to ask.")] = MODELS,
     tones: Annotated[str, typer.Option(help="Numbers of the classes, I to VI as 1 to 6.")] = "1,2,3,4,5,6",
-    keep: Annotated[bool, typer.Option(help="Keep fits and textures beside the photos.")] = False,
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the table into.")] = None,
 ) -> None:
     """Print the table."""
@@ -116,8 +114,7 @@ def main(
     for name, angle in (CLASSES[int(number) - 1] for number in tones.split(",")):
         for light in wanted:
             photo = photo_of(of_class(head, name, angle), light, cache)
-            stages = OnDisk(cache / "stages" / photo.name) if keep else NoCache()
-            avatar, albedo = made(photo, models, stages)
+            avatar, albedo = made(photo, models)
             found[name, light] = judged(Judge.of(photo, avatar), albedo, planes)
             typer.echo(f"{photo.name}: {found[name, light].score.raw:.1f} dB", err=True)
     tell("\n".join(table(found)), MARK, write)

@@ -1,14 +1,14 @@
 """What each correction is worth: ``python -m benchmarks.corrections --data DIR [-o docs/corrections.md]``.
 
 Takes each rule that alters what the networks gave out of ``make_avatar``, and all together, and tells what is lost on
-rendered photos of known albedo, and how much of real photos changes. DIR holds ``ict_facekit_head.npz``,
+rendered photos of known albedo. DIR holds ``ict_facekit_head.npz``,
 ``ffhq_uv_head/``, ``hifi3d_uv/`` and ``lee_perry_smith/``; what is rendered of them is kept in ``--cache``.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,6 @@ from benchmarks.corrections.photos import names, photos
 from benchmarks.corrections.score import Judge, Score
 from benchmarks.corrections.trial import ALL, SIZE, Effect, Product, Verdicts, tried
 from benchmarks.shoot import data_folder
-from service.errors import AvatarError
 from service.reflectance.albedo.corrections import Correction
 
 ENOUGH_DB = 0.1
@@ -32,17 +31,15 @@ HEADER = """# Corrections on trial
 The networks' albedo is altered by a list of rules (`service/corrections.py`), each of which can be turned off by
 `avatarme make --without NAME`. This page says what is lost when one is taken out. It is made by
 
-    python -m benchmarks.corrections --data DIR --photos FOLDER -o docs/corrections.md
+    python -m benchmarks.corrections --data DIR -o docs/corrections.md
 
 which makes each avatar by `service.pipeline.make_avatar` with maps of {size[0]} x {size[1]}, once with all rules and
-once without each. {count} photos are rendered by Mitsuba of real heads and skins, with known albedo; {real} are real.
+once without each. {count} photos are rendered by Mitsuba of real heads and skins, with known albedo.
 
 - **gain**: of the PSNR of the sRGB-coded albedo of the skin that the photo shows, after the one gain of linear values
   that fits best; with the rule, less without it. *Raw* is without that gain. *Delta E* is CIEDE2000, and counts what it
   falls. *Unseen* is the gain in PSNR on the face's skin that the photo does not show.
 - **own cases**: mean over the photos of the groups that the rule names; over all photos where it names none.
-- **texels changed** by more than 1/255 in any channel: share of all skin of the real photos, and of the skin that
-  they show.
 - A rule that says itself that it changed no texel of a photo by more than 1/255 is not run without there, and counts
   as 0.
 - **time**: of a processor; median over the photos on which the rule had anything to do of the difference between the
@@ -54,7 +51,7 @@ once without each. {count} photos are rendered by Mitsuba of real heads and skin
 
 def mean_of(effects: Sequence[Effect], name: str) -> float:
     """Mean of one number of the gains of these effects; NaN where there is none."""
-    return known_mean([getattr(one.gain, name) for one in effects if one.gain is not None])
+    return known_mean([getattr(one.gain, name) for one in effects])
 
 
 def known_mean(values: Sequence[float]) -> float:
@@ -76,22 +73,22 @@ def verdict(effects: Sequence[Effect]) -> str:
     return "no"
 
 
-def rule_rows(registry: Sequence[Correction], photos: Sequence[Verdicts], real: Sequence[Verdicts]) -> list[str]:
+def rule_rows(registry: Sequence[Correction], photos: Sequence[Verdicts]) -> list[str]:
     """Markdown rows, most useful first, all together last."""
     lines = [
         "| rule | own cases | gain there, dB | raw | Delta E | unseen | all photos: mean (least to most) "
-        "| time, ms (share) | texels changed: all, seen | earns its place |",
-        "|---" * 10 + "|",
+        "| time, ms (share) | earns its place |",
+        "|---" * 9 + "|",
     ]
     rows = []
     for rule in registry:
         cases = own_cases(rule, photos)
         effects = [one.effects[rule.name] for one in cases]
         label = (", ".join(rule.cases) if rule.cases else "any")
-        rows.append((mean_of(effects, "best"), _row(rule.name, label, len(cases), effects, photos, real)))
+        rows.append((mean_of(effects, "best"), _row(rule.name, label, len(cases), effects, photos)))
     rows.sort(key=lambda one: -np.nan_to_num(one[0]))
     together = [one.effects[ALL] for one in photos]
-    return [*lines, *(row for _, row in rows), _row(ALL, "any", len(photos), together, photos, real, judge=False)]
+    return [*lines, *(row for _, row in rows), _row(ALL, "any", len(photos), together, photos, judge=False)]
 
 
 def _row(
@@ -100,28 +97,20 @@ def _row(
     count: int,
     effects: Sequence[Effect],
     photos: Sequence[Verdicts],
-    real: Sequence[Verdicts],
     judge: bool = True,
 ) -> str:
     gains = [one.effects[name].gain for one in photos]
-    best = [one.best for one in gains if one is not None]
+    best = [one.best for one in gains]
     spread = f"{np.mean(best):+.2f} ({min(best):+.2f} to {max(best):+.2f})" if best else "-"
-    ran = [one.effects[name] for one in (*photos, *real) if np.isfinite(one.effects[name].seconds)]
+    ran = [one.effects[name] for one in photos if np.isfinite(one.effects[name].seconds)]
     time = "-"
     if ran:
         milliseconds = 1000 * float(np.median([one.seconds for one in ran]))
         share = 100 * float(np.median([one.seconds / max(one.whole_seconds, 1e-9) for one in ran]))
         time = f"{milliseconds:.0f} ({share:.0f} %)"
-    texels = "-"
-    if real:
-        every, seen = (
-            100 * float(np.mean([getattr(one.effects[name], which) for one in real]))
-            for which in ("changed", "changed_seen")
-        )
-        texels = f"{every:.1f} %, {seen:.1f} %"
     cells = [_signed(mean_of(effects, which)) for which in ("best", "raw", "delta_e", "unseen")]
     word = verdict(effects) if judge else ""
-    return " | ".join([f"| {name}", f"{label} ({count})", *cells, spread, time, texels, f"{word} |"])
+    return " | ".join([f"| {name}", f"{label} ({count})", *cells, spread, time, f"{word} |"])
 
 
 def photo_rows(photos: Sequence[Verdicts]) -> list[str]:
@@ -133,10 +122,7 @@ def photo_rows(photos: Sequence[Verdicts]) -> list[str]:
     ]
     scores: list[list[float]] = []
     for one in photos:
-        if one.score is None or one.flat is None:
-            continue
-        gain = one.effects[ALL].gain
-        bare = one.score.best - (gain.best if gain is not None else 0.0)
+        bare = one.score.best - one.effects[ALL].gain.best
         scores.append([*_numbers(one.score), *_numbers(one.flat), bare])
         told = " | ".join(map(_plain, scores[-1]))
         lines.append(f"| {one.photo} | {', '.join(one.groups)} | {told} | {', '.join(one.warnings)} |")
@@ -149,13 +135,12 @@ def photo_rows(photos: Sequence[Verdicts]) -> list[str]:
 def page(
     registry: Sequence[Correction],
     photos: Sequence[Verdicts],
-    real: Sequence[Verdicts],
     size: tuple[int, int],
 ) -> str:
     """The whole page in Markdown."""
-    head = HEADER.format(size=size, count=len(photos), real=len(real), enough=ENOUGH_DB)
+    head = HEADER.format(size=size, count=len(photos), enough=ENOUGH_DB)
     mended = [f"- `{rule.name}`: {rule.mends}" for rule in registry]
-    parts = [head, *rule_rows(registry, photos, real), "", "## What each mends", "", *mended]
+    parts = [head, *rule_rows(registry, photos), "", "## What each mends", "", *mended]
     return "\n".join([*parts, "", "## The photos", "", *photo_rows(photos), ""])
 
 
@@ -172,9 +157,6 @@ def _plain(value: float) -> str:
 
 
 CACHE = Path.home() / ".cache" / "avatarme-bench"
-ENDINGS = (".jpg", ".jpeg", ".png", ".webp")
-FEW_REAL = 2
-"""Real photos of a trial in a hurry."""
 
 
 def on_rendered(data: Path, cache: Path, wanted: tuple[str, ...], rules: Product) -> list[Verdicts]:
@@ -183,56 +165,23 @@ def on_rendered(data: Path, cache: Path, wanted: tuple[str, ...], rules: Product
     for photo in photos(data, cache, wanted):
         begin = time.perf_counter()
         one = tried(photo.name, photo.groups, photo.data, rules, partial(Judge.of, photo))
-        _say(f"{photo.name}: {one.score.best if one.score else 0:.1f} dB, {time.perf_counter() - begin:.0f} s")
+        _say(f"{photo.name}: {one.score.best:.1f} dB, {time.perf_counter() - begin:.0f} s")
         found.append(one)
     return found
 
 
-def on_real(files: tuple[Path, ...], rules: Product) -> list[Verdicts]:
-    """Verdicts on real photos, without those that have no usable face."""
-    found = []
-    for file in files:
-        begin = time.perf_counter()
-        try:
-            found.append(tried(file.name, (), file.read_bytes(), rules, None))
-            _say(f"{file.name}: {time.perf_counter() - begin:.0f} s")
-        except AvatarError as error:
-            _say(f"{file.name}: left out, {error}")
-    return found
-
-
-def real_files(folder: Path | None) -> tuple[Path, ...]:
-    """Photos of a folder by name; none without a folder.
-
-    Raises:
-        SystemExit: the folder has no photo.
-    """
-    if folder is None:
-        return ()
-    files = tuple(sorted(file for file in folder.glob("*") if file.suffix.lower() in ENDINGS))
-    if not files:
-        raise SystemExit(f"{folder} has no file that ends in {', '.join(ENDINGS)}")
-    return files
-
-
 def trial(
-    data: Path, cache: Path, files: tuple[Path, ...], rules: Product, wanted: tuple[str, ...], jobs: int = 1
-) -> tuple[list[Verdicts], list[Verdicts]]:
-    """Verdicts on the rendered photos of the wanted names, and on real photos."""
+    data: Path, cache: Path, rules: Product, wanted: tuple[str, ...], jobs: int = 1
+) -> list[Verdicts]:
+    """Verdicts on the photos of the wanted names."""
     cache.mkdir(parents=True, exist_ok=True)
     if jobs == 1:
-        return on_rendered(data, cache, wanted, rules), on_real(files, rules)
+        return on_rendered(data, cache, wanted, rules)
     for _ in photos(data, cache, wanted):
         pass  # rendered before processes ask for the same sitting
     with ProcessPoolExecutor(jobs) as pool:
         rendered = [pool.submit(on_rendered, data, cache, (name,), rules) for name in wanted]
-        real = [pool.submit(on_real, (file,), rules) for file in files]
-        return list(_joined(rendered)), list(_joined(real))
-
-
-def _joined(futures: list) -> Iterator[Verdicts]:  # type: ignore[type-arg]
-    for future in futures:
-        yield from future.result()
+        return [verdict for one in rendered for verdict in one.result()]
 
 
 def _say(text: str) -> None:
@@ -242,18 +191,14 @@ def _say(text: str) -> None:
 def main(
     data: Annotated[Path | None, typer.Option(help="Folder of reference heads; else $AVATARME_BENCH_DATA.")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Markdown page to write.")] = None,
-    photos_folder: Annotated[Path | None, typer.Option("--photos", help="Folder of real photos.")] = None,
     cache: Annotated[Path, typer.Option(help="Folder that keeps what was rendered.")] = CACHE,
     jobs: Annotated[int, typer.Option(min=1, help="Processes; times are fit to be told with 1 only.")] = 1,
     quick: Annotated[bool, typer.Option(help="A few photos.")] = False,
-    with_rendered: Annotated[bool, typer.Option("--rendered/--no-rendered", help="Rendered photos too.")] = True,
 ) -> None:
     """Print the page, and write it."""
     begin = time.perf_counter()
     folder, rules = data_folder(None if data is None else str(data)), Product()
-    files = real_files(photos_folder)[: FEW_REAL if quick else None]
-    rendered, real = trial(folder, cache, files, rules, names(quick) if with_rendered else (), jobs)
-    text = page(rules.registry, rendered, real, SIZE)
+    text = page(rules.registry, trial(folder, cache, rules, names(quick), jobs), SIZE)
     typer.echo(text)
     _say(f"{time.perf_counter() - begin:.0f} s in all")
     if output is not None:

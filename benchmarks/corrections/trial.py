@@ -7,15 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from benchmarks.corrections.score import Judge, Score
 from service.archive.avatar import Avatar
 from service.colour import FULL_CODE
-from service.geometry.chart import islands
-from service.map_registry import SEEN
 from service.options import Options
 from service.pipeline import make_avatar
 from service.reflectance.albedo.corrections import Correction
@@ -80,8 +77,6 @@ ALL = "all of these"
 """Name of the variant without any rule."""
 REPEATS = 2
 """Times that the whole is made with all rules; its time is their median."""
-STEP = FULL_CODE // 255
-"""Codes of 1/255."""
 
 
 @dataclass(frozen=True)
@@ -89,18 +84,14 @@ class Effect:
     """What one rule does to one photo, as the difference to the photo without it.
 
     Attributes:
-        changed, changed_seen: share of the skin's texels, and of those that the photo shows, whose albedo the rule
-            changes by more than 1/255 in any channel.
         seconds: that the rule takes of a processor; NaN where it had nothing to do and was not run without.
         whole_seconds: that the stages which were made anew take with it; NaN likewise.
-        gain: what the rule makes better; None without truth.
+        gain: what the rule makes better.
     """
 
-    changed: float
-    changed_seen: float
     seconds: float
     whole_seconds: float
-    gain: Score | None
+    gain: Score
 
 
 @dataclass(frozen=True)
@@ -109,21 +100,21 @@ class Verdicts:
 
     Attributes:
         photo, groups: its name and what it has.
-        score, flat: with all rules, and of the one colour that is the mean of the true ones; None without truth.
+        score, flat: with all rules, and of the one colour that is the mean of the true ones.
         effects: by rule, and of all together as ``ALL``.
         warnings: of the avatar.
     """
 
     photo: str
     groups: tuple[str, ...]
-    score: Score | None
-    flat: Score | None
+    score: Score
+    flat: Score
     effects: dict[str, Effect]
     warnings: tuple[str, ...] = ()
 
 
 def tried(
-    name: str, groups: tuple[str, ...], data: bytes, rules: Product, judge: Callable[[Avatar], Judge] | None
+    name: str, groups: tuple[str, ...], data: bytes, rules: Product, judge: Callable[[Avatar], Judge]
 ) -> Verdicts:
     """Try all rules on one photo.
 
@@ -132,7 +123,7 @@ def tried(
         groups: what it has.
         data: its file.
         rules: on trial.
-        judge: makes a scorer for the fit of an avatar; None without truth.
+        judge: makes a scorer for the fit of an avatar.
 
     Raises:
         AvatarError: as ``make_avatar``.
@@ -148,22 +139,18 @@ def tried(
         return _albedo(avatar), time.process_time() - begin
 
     with_all = float(np.median([variant(())[1] for _ in range(REPEATS)]))
-    scorer = None if judge is None else judge(avatar)
-    base = None if scorer is None else scorer.score(_unit(albedo))
-    skin, seen = _skin(avatar)
+    scorer = judge(avatar)
+    base = scorer.score(_unit(albedo))
     idle = {who for who, texels in rules.changed(avatar).items() if texels == 0}
     effects: dict[str, Effect] = {}
     every = tuple(rule.name for rule in rules.registry)
     for who, names in {**{name: (name,) for name in every}, ALL: every}.items():
         if who in idle:
-            effects[who] = Effect(0.0, 0.0, float("nan"), float("nan"), None if base is None else base.over(base))
+            effects[who] = Effect(float("nan"), float("nan"), base.over(base))
             continue
         bare, taken = variant(names)
-        apart = np.abs(albedo.astype(np.int32) - bare).max(2) > STEP
-        gain = None if scorer is None or base is None else base.over(scorer.score(_unit(bare)))
-        effects[who] = Effect(_share(apart, skin), _share(apart, seen), with_all - taken, with_all, gain)
-    flat = None if scorer is None else scorer.flat()
-    return Verdicts(name, groups, base, flat, effects, avatar.fit.warnings + avatar.texture.warnings)
+        effects[who] = Effect(with_all - taken, with_all, base.over(scorer.score(_unit(bare))))
+    return Verdicts(name, groups, base, scorer.flat(), effects, avatar.fit.warnings + avatar.texture.warnings)
 
 
 def _albedo(avatar: Avatar) -> Codes:
@@ -174,15 +161,3 @@ def _albedo(avatar: Avatar) -> Codes:
 
 def _unit(codes: Codes) -> npt.NDArray[np.float32]:
     return codes.astype(np.float32) / np.float32(FULL_CODE)
-
-
-def _share(chosen: npt.NDArray[np.bool_], of: npt.NDArray[np.bool_]) -> float:
-    return float((chosen & of).sum() / max(int(of.sum()), 1))
-
-
-def _skin(avatar: Avatar) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Texels of skin, and those of them that the photo shows, both of the size of the maps."""
-    size = avatar.reflectance.size if avatar.reflectance is not None else (0, 0)
-    skin = islands(avatar.head, size) == avatar.head.part_names.index("skin")
-    seen = cv2.resize(avatar.texture.confidence, size, interpolation=cv2.INTER_NEAREST) >= SEEN
-    return skin, skin & seen

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -99,19 +99,6 @@ def test_an_error_where_nobody_sees_it_costs_there_only() -> None:
     wrong[:, :36] = 0.9  # of the part without confidence
     before, after = judge.score(truth), judge.score(wrong)
     assert after.unseen < before.unseen - 10
-
-
-def test_true_normals_score_far_higher_than_tilted_ones() -> None:
-    photo, avatar, _ = seen()
-    judge = Judge.of(photo, avatar)
-    flat = np.zeros((64, 96, 2), np.int16)
-    tilted = flat + np.int16(6000)
-    made: Any = [SimpleNamespace(specular_normal=bumps) for bumps in (flat, tilted)]
-    scores = [
-        judge.relief(cast(Any, SimpleNamespace(head=avatar.head, fit=avatar.fit, reflectance=one)))
-        for one in made
-    ]
-    assert scores[0] > 35 > 25 > scores[1]
 
 
 def test_heads_that_share_nothing_are_an_error() -> None:

@@ -9,8 +9,6 @@ from pathlib import Path
 import httpx
 import pytest
 
-from benchmarks.chaos import chaos
-from tests.support.postgres import find_programs
 from tests.support.server import Server, post, small_photo, wait_for
 from tests.support.toy_job import SECONDS
 
@@ -43,10 +41,3 @@ def _runs(process: int) -> bool:
         return " Z " not in Path(f"/proc/{process}/stat").read_text()
     except OSError:
         return False
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(find_programs() is None, reason="Postgres is not installed")
-def test_nothing_is_lost_with_several_workers_on_postgres(tmp_path: Path) -> None:
-    findings = chaos(tmp_path, 8, posters=1, workers=3)
-    assert findings.well(), findings
