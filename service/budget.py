@@ -75,7 +75,7 @@ def within_budget(options: Options, stages: StageCache = NoCache()) -> tuple[Opt
     """
     if options.budget is None or not options.plan().stages:
         return options, ()
-    chosen = stages.get_or_compute("level", lambda: _choose(options))
+    chosen = stages.get_or_compute("level", _choose, options.uncorrected())
     warnings = (OVER_BUDGET,) if chosen.startswith("!") else ()
     return replace(options, quality=chosen.removeprefix("!"), budget=options.budget), warnings  # type: ignore[arg-type]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import asdict, field
+from dataclasses import asdict, field, replace
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le
@@ -26,6 +26,9 @@ LARGEST_WIDTH = 6144
 LARGEST_SEED = 2**32 - 1
 
 _FIT = FitSettings()
+
+CORRECTIONS = ("hair", "hair_colour", "hair_length", "eye_colour", "mouth", "wrinkles")
+"""Options by which a head is corrected, with its kept stages at hand: these find each by what it is given."""
 
 
 def _in_order(maps: tuple[str, ...]) -> tuple[str, ...]:
@@ -199,6 +202,10 @@ class Options(Checked):
     def fit_settings(self) -> FitSettings:
         """The knobs of the fit; those that callers cannot turn keep their defaults."""
         return FitSettings(refine=self.fit, identity_components=self.identity_components, iterations=self.iterations)
+
+    def uncorrected(self) -> Options:
+        """The same for all that only corrections tell apart."""
+        return replace(self, **{name: type(self).__dataclass_fields__[name].default for name in CORRECTIONS})
 
     def asked_hair(self) -> AskedHair:
         """What is asked of the hair."""

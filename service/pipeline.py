@@ -22,7 +22,7 @@ from dataclasses import replace
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -59,7 +59,7 @@ from service.runtime.network_registry import networks_of
 from service.runtime.networks import choose_engine, loading_ahead
 from service.runtime.sessions import few_heaps, has_openvino, openvino_library
 from service.runtime.tiles import DEFAULT_TILE
-from service.stage_cache import Depending, NoCache, StageCache
+from service.stage_cache import Loaded, NoCache, StageCache
 from service.texture.inpainting import grain
 from service.texture.photo_detail import OwnDetail, own_texture_of
 from service.texture.texture import SEEDS, Texture, make_texture
@@ -77,10 +77,6 @@ FIRST_ONLY = ("expression", "eyes", "hair")
 """What the first photo alone is used for."""
 LEAST_SHARE = 0.005
 """Share of the seen texture below which a photo does not count as used for it."""
-
-CORRECTIONS = ("hair", "hair_colour", "hair_length", "eye_colour", "mouth", "wrinkles")
-"""Options by which a head is corrected. Stages that depend on one of them say so; all others serve again, once they
-are kept."""
 
 READERS = networks_of("read")
 """Networks that read a face; without them the fit follows landmarks and outline."""
@@ -137,35 +133,27 @@ def make_avatar(
         head_and_chart = pool.submit(_head_and_chart, options.base_size, head_file)
 
         with stage("decode"):
-            gathered = kept("decode", lambda: decoded(with_frames(files, networks.finder)))
+            gathered = kept("decode", _decoded, files, networks)
         with stage("detect"):
-            find = lambda photo: _face_in(photo, options, networks, head_and_chart)  # noqa: E731
-            gathered = kept("detect", lambda: of_one_person(gathered, find, networks.recogniser, options.leave_out))
+            doubted = (options.base_size, head_file) if reads else None
+            gathered = kept("detect", _detected, gathered, options.face, options.leave_out, networks, doubted)
         engine = held.enter_context(loading_ahead(early, engine))  # only now, as many a photo is refused
         with stage("fit"):
             head, chart = head_and_chart.result()
             if reads:
-                gathered = kept("read", lambda: read_all(gathered, networks.readers()))
-            gathered = kept("fit", lambda: fitted(gathered, head, options.fit_settings()))
+                gathered = kept("read", read_all, gathered, networks.readers())
+            gathered = kept("fit", fitted, gathered, head, options.fit_settings())
             photo, face, reading, fit = gathered.first
             if options.mouth == "shut":
                 fit = with_mouth_shut(head, fit)
         with stage("hair"):
-            count = options.level.strands
-            wanted_hair = options.asked_hair()
-            hair_network = networks.hair() if reads else None
-            hair = kept(
-                "hair", lambda: find_hair(photo, head, fit, reading, wanted_hair, count, options.seed, hair_network),
-                [options.mouth, options.hair, options.hair_colour, options.hair_length],
-            )
+            wanted = options.asked_hair(), options.level.strands, options.seed
+            hair = kept("hair", find_hair, photo, head, fit, reading, *wanted, networks.hair() if reads else None)
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
         with stage("texture"):
             cards = pool.submit(lambda: hair_cards(hair, head, fit.neutral, options.quality, options.seed))
             bald = hair.bald_beneath
-            shaped: list[Any] = [options.mouth, bald]
-            texture = kept(
-                "texture", lambda: make_texture(photo, head, fit, chart, reading, bald, gathered.others), shaped
-            )
+            texture = kept("texture", make_texture, photo, head, fit, chart, reading, bald, gathered.others)
             if options.eye_colour != "auto":
                 texture = replace(texture, iris=NAMED_IRISES[options.eye_colour])
         step = options.level.part_texture_step
@@ -175,8 +163,7 @@ def make_avatar(
         with stage("compare"):
             shown = [part for part in parts if part.name != BROWS]  # the texture has the photo's own
             similarity = kept(
-                "compare", lambda: likeness(photo, face, head, fit, texture.texture, networks.recogniser(), shown),
-                [getattr(options, name) for name in CORRECTIONS],
+                "compare", likeness, photo, face, head, fit, texture.texture, networks.recogniser(), shown
             )
         networks.drop()
 
@@ -186,8 +173,8 @@ def make_avatar(
             own = OwnDetail.of_all(sights, head, texture)
             if "texture" in options.maps:
                 asked = options.texture_size
-                wanted = own.texture_size(options.most_texture_width) if asked == "auto" else asked
-                own_texture = kept("own_texture", lambda: own_texture_of(texture, own, wanted), shaped)
+                size = own.texture_size(options.most_texture_width) if asked == "auto" else asked
+                own_texture = kept("own_texture", own_texture_of, texture, own, size)
         if plan.stages:
             reflectance = make_reflectance(
                 texture.texture,
@@ -201,7 +188,7 @@ def make_avatar(
                 own=own if options.level.super_resolution else None,
                 tile=tile,
                 progress=lambda name, done: progress(name, BEFORE_NETWORKS + (1 - 2 * BEFORE_NETWORKS) * done),
-                stages=Depending(stages, tuple(shaped)),
+                stages=stages,
             )
             stage.timings |= reflectance.timings_s
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
@@ -233,7 +220,7 @@ def make_avatar(
     )
 
 
-class FaceNetworks:
+class FaceNetworks(Loaded):
     """What finds, reads and compares faces: loaded by threads, dropped before the maps take memory.
 
     A process that waits for a photo may load them, the head in the box and its chart ahead.
@@ -294,18 +281,28 @@ class _Timed:
         self._done = STAGES[name]
 
 
-def _face_in(
-    photo: Photo,
-    options: Options,
+def _decoded(files: list[bytes], networks: FaceNetworks) -> Gathered:
+    return decoded(with_frames(files, networks.finder))
+
+
+def _detected(
+    gathered: Gathered,
+    chosen: int | Literal["largest"] | None,
+    leave_out: Literal["strangers"] | None,
     networks: FaceNetworks,
-    head_and_chart: Future[tuple[HeadModel, Chart]],
-) -> Face:
-    """The face to take; where none is found, a doubtful one that the reader makes out."""
-    faces = networks.finder().find(photo.pixels)
-    if not faces and options.fit != "landmarks" and networks.reads:
-        doubted = networks.finder().doubted(photo.pixels)
-        faces = faces_by_reading(photo.pixels, doubted, head_and_chart.result()[0], networks.readers().pixels)
-    return choose_face(faces, options.face, photo.size)
+    doubted: tuple[Size, Path | None] | None,
+) -> Gathered:
+    """The face to take in each photo; where none is found and a head to try is named, one that the reader makes out."""
+
+    def find(photo: Photo) -> Face:
+        faces = networks.finder().find(photo.pixels)
+        if not faces and doubted is not None:
+            head, _ = _head_and_chart(*doubted)
+            found = networks.finder().doubted(photo.pixels)
+            faces = faces_by_reading(photo.pixels, found, head, networks.readers().pixels)
+        return choose_face(faces, chosen, photo.size)
+
+    return of_one_person(gathered, find, networks.recogniser, leave_out)
 
 
 def _sources(gathered: Gathered, texture: Texture, *, detail: bool) -> tuple[Source, ...]:

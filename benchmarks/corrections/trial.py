@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeVar, TypeVarTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,7 @@ class Product:
 
 
 T = TypeVar("T")
+Given = TypeVarTuple("Given")
 
 
 class Kept:
@@ -55,10 +56,10 @@ class Kept:
     def __init__(self) -> None:
         self._results: dict[str, Any] = {}
 
-    def get_or_compute(self, name: str, make: Callable[[], T], on: Sequence[Any] = ()) -> T:
+    def get_or_compute(self, name: str, make: Callable[[*Given], T], *given: *Given) -> T:
         """The result of stage ``name``, made at most once."""
         if name not in self._results:
-            self._results[name] = make()
+            self._results[name] = make(*given)
         result: T = self._results[name]
         return result
 

@@ -25,6 +25,7 @@ from service.geometry.sampling import sample_at
 from service.hair.kinds import KINDS, PARTINGS
 from service.image_filters import ramp
 from service.runtime.sessions import Session, load_session
+from service.stage_cache import Loaded
 
 log = logging.getLogger(__name__)
 
@@ -101,7 +102,7 @@ class Said:
     ends_m: tuple[float, float]
 
 
-class HairNetwork:
+class HairNetwork(Loaded):
     """The network applied to the square, as it is and mirrored: the average treats both sides alike.
 
     Its recipe is ``models/training/hair.py``.

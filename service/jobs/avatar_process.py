@@ -16,7 +16,7 @@ from service.errors import CorruptImage
 from service.jobs.artifacts import Artifacts
 from service.jobs.process import Reporter, Task
 from service.jobs.stage_files import FORMAT, KeptStages, kept_types
-from service.options import Options
+from service.options import CORRECTIONS, Options
 from service.photo.bundle import MOST, unbundled
 from service.photo.limits import Limits, read_file
 from service.places import file_sha256
@@ -75,5 +75,5 @@ def basis(task: Task) -> str:
     that no correction changes.
     """
     sums = hashlib.sha256((DATA / SUMS).read_bytes()).hexdigest()
-    options = {name: value for name, value in task.options.items() if name not in pipeline.CORRECTIONS}
+    options = {name: value for name, value in task.options.items() if name not in CORRECTIONS}
     return "\n".join((GENERATOR, FORMAT, sums, task.photo_sha256, json.dumps(options, sort_keys=True)))

@@ -18,16 +18,18 @@ import logging
 import mmap
 import os
 import secrets
-from collections.abc import Callable, Mapping, Sequence
+import weakref
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from inspect import isfunction
 from pathlib import Path
 from types import ModuleType
-from typing import IO, Any, BinaryIO, TypeVar, cast, get_args, get_type_hints
+from typing import IO, Any, BinaryIO, TypeVar, TypeVarTuple, cast, get_args, get_type_hints
 
 import numpy as np
 
 from service.jobs.artifacts import Artifacts, artifact_name
+from service.stage_cache import Loaded
 
 FORMAT = "3"
 """Version of the form above; part of the name of a stage's file."""
@@ -196,7 +198,44 @@ def _rich(tree: Any, kinds: Mapping[str, type], arrays: list[np.ndarray[Any, Any
     return tuple(items) if kind == "tuple" else items
 
 
+class Digests:
+    """Hashes of what stages are given; one that was taken of an object is not taken again while the object lives."""
+
+    def __init__(self) -> None:
+        self._taken: dict[int, tuple[weakref.ref[Any], bytes]] = {}
+
+    def __call__(self, value: object) -> bytes:
+        """sha256 of a value: equal values have equal ones.
+
+        Raises:
+            TypeError: the value holds something that is no data, for example a function.
+        """
+        ref, taken = self._taken.get(id(value), (None, b""))
+        if ref is not None and ref() is value:
+            return taken
+        hashed = hashlib.sha256(type(value).__qualname__.encode())
+        if value is None or isinstance(value, bool | int | float | str | bytes | Path):
+            hashed.update(value if isinstance(value, bytes) else str(value).encode())
+        elif isinstance(value, np.ndarray | np.generic):
+            array = np.asarray(value)
+            if array.dtype.hasobject:
+                raise TypeError("a stage is given an array of objects")
+            hashed.update(f"{array.dtype.str} {array.shape}".encode())
+            hashed.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+        elif isinstance(value, tuple | list):
+            hashed.update(b"".join(map(self, value)))
+        elif isinstance(value, Mapping):
+            hashed.update(b"".join(self(key) + self(item) for key, item in value.items()))
+        elif is_dataclass(value):
+            hashed.update(b"".join(self(field.name) + self(getattr(value, field.name)) for field in fields(value)))
+            self._taken[id(value)] = weakref.ref(value), hashed.digest()
+        elif not isinstance(value, Loaded):
+            raise TypeError(f"a stage is given a {type(value).__qualname__}, of which it cannot be told what it holds")
+        return hashed.digest()
+
+
 T = TypeVar("T")
+Given = TypeVarTuple("Given")
 
 log = logging.getLogger(__name__)
 
@@ -205,8 +244,8 @@ class KeptStages:
     """``service.stage_cache.StageCache`` for one job, or for all that correct one head.
 
     A stage's file is named by a hash of everything that its result depends on: the program and its data, the photo, the
-    options, the name of the stage, and those of the corrections that change it. It begins with the hash of its content,
-    so a torn or changed file is computed again; that is why it need not be flushed to the disk.
+    options that no correction changes, the name of the stage, and what it is given. It begins with the hash of its
+    content, so a torn or changed file is computed again; that is why it need not be flushed to the disk.
 
     Args:
         artifacts: where to.
@@ -237,13 +276,13 @@ class KeptStages:
         self._scratch = scratch
         self._finished = finished
         self._mapped = mapped
+        self._digest = Digests()
 
-    def get_or_compute(self, name: str, make: Callable[[], T], on: Sequence[Any] = ()) -> T:
+    def get_or_compute(self, name: str, make: Callable[[*Given], T], *given: *Given) -> T:
         """As :meth:`service.stage_cache.StageCache.get_or_compute`; a stage that cannot be read is computed, one that
         cannot be written is not kept; both are logged.
         """
-        told = json.dumps(list(on), sort_keys=True)
-        key = hashlib.sha256(f"{self._basis}\n{name}\n{told}".encode()).hexdigest()
+        key = hashlib.sha256(f"{self._basis}\n{name}\n{self._digest(given).hex()}".encode()).hexdigest()
         address = artifact_name(self._job, f"stage_{name}", key, "bin")
         try:
             return cast(T, self._load(address))
@@ -251,7 +290,7 @@ class KeptStages:
             pass
         except (Damaged, OSError) as error:  # what a store cannot give out now can be made
             log.warning("stage %s is computed again: %s", name, error)
-        value = make()
+        value = make(*given)
         part = self._scratch / f"{secrets.token_hex(8)}.part"
         try:
             with part.open("wb") as target:

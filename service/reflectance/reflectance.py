@@ -13,9 +13,9 @@ Full-size maps are there as 16-bit codes only; networks see tiles. So memory is 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TypeVar, TypeVarTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -52,10 +52,11 @@ from service.runtime.network_registry import CLUES, DRAWN_DETAIL, GEOMETRY, PART
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.sessions import release
 from service.runtime.tiles import DEFAULT_TILE
-from service.stage_cache import NoCache, StageCache
+from service.stage_cache import Depending, NoCache, StageCache
 from service.texture.photo_detail import OwnDetail
 
 T = TypeVar("T")
+Given = TypeVarTuple("Given")
 
 Unlit = tuple[Codes, Codes | None, tuple[manifest.Correction, ...], manifest.Detail | None, UInt8 | None]
 """Albedo, shaded grey, corrections that ran, what of the detail is the photo's, and how far the albedo may be off."""
@@ -99,7 +100,31 @@ def make_reflectance(
         ModelFault: a network is missing, changed, or does not fit.
         NumericFault: a network's output is not finite.
     """
-    run = _Run(plan, stages, progress)
+    plain = replace(subject, roots=None, wrinkles=1.0)  # networks make the same maps, whatever is corrected of these
+    given = texture, plain, plan, size, seed, detail, tuple(without), own
+    run = _Run(plan, Depending(stages, given), progress)
+    made = _by_networks(*given, engine, tile, run)
+    chart, depth = subject.chart, subject.wrinkles
+    if made.specular_normal is not None:
+        made = replace(made, specular_normal=aged(made.specular_normal, chart, depth))
+    if made.diffuse_normal is not None:
+        made = replace(made, diffuse_normal=aged(made.diffuse_normal, chart, depth))
+    if "displacement" in plan.stages and made.specular_normal is not None:
+        heights, how = run("displacement", _displaced, made.specular_normal, plain, size, plan.keep_cliffs)
+        made = replace(made, displacement=heights, integration=how)
+    if made.diffuse_albedo is not None and subject.creases is not None:
+        # Only now: the networks read relief from the dark lines of folds.
+        made = replace(made, diffuse_albedo=unfolded_albedo(made.diffuse_albedo, subject.creases))
+    if made.diffuse_albedo is not None and subject.roots is not None:
+        made = replace(made, diffuse_albedo=darkened(made.diffuse_albedo.copy(), subject.roots))
+    return replace(made, timings_s=run.timings)
+
+
+def _by_networks(
+    texture: npt.NDArray[np.uint8], subject: Subject, plan: ReflectancePlan, size: tuple[int, int], seed: int,
+    detail: float, without: Collection[str], own: OwnDetail | None, engine: Engine, tile: int, run: _Run,
+) -> Reflectance:  # fmt: skip
+    """The maps without displacement. Its stages are found by all of this but engine and tile."""
     geometry = subject.geometry
     source = texture.astype(np.uint16) * np.uint16(257)
     if "super_resolution" in plan.stages:
@@ -173,29 +198,15 @@ def make_reflectance(
             return unfolded(bent, fold), wrinkles_of(fold, subject.creases, bent.shape)
 
         normal, wrinkles = run("specular_normal", specular)
-        made = replace(made, specular_normal=aged(normal, subject.chart, subject.wrinkles), wrinkles=wrinkles)
+        made = replace(made, specular_normal=normal, wrinkles=wrinkles)
     if "diffuse_normal" in plan.stages:
 
         def diffuse(told: Callable[[float], None]) -> npt.NDArray[np.int16]:
             bent = tangent_normals("diffuse_normal", job(told))
             return bent if subject.creases is None else unfolded(bent, folds_in(bent, subject.creases))
 
-        made = replace(made, diffuse_normal=aged(run("diffuse_normal", diffuse), subject.chart, subject.wrinkles))
-    planes.channels.clear()
-    grey = None  # of the size of a map, and read no more
-    if "displacement" in plan.stages and made.specular_normal is not None:
-        bumps = made.specular_normal
-        heights, how = run(
-            "displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs), [subject.wrinkles]
-        )
-        made = replace(made, displacement=heights, integration=how)
-    if made.diffuse_albedo is not None and subject.creases is not None:
-        # Only now: the networks read relief from the dark lines of folds.
-        made = replace(made, diffuse_albedo=unfolded_albedo(made.diffuse_albedo, subject.creases))
-    if made.diffuse_albedo is not None and subject.roots is not None:
-        # Last: what the networks make does not depend on the colour of the hair, which may be corrected.
-        made = replace(made, diffuse_albedo=darkened(made.diffuse_albedo.copy(), subject.roots))
-    return replace(made, timings_s=run.timings)
+        made = replace(made, diffuse_normal=run("diffuse_normal", diffuse))
+    return made
 
 
 def _fallbacks(
@@ -220,12 +231,12 @@ class _Run:
         self._progress = progress
         self._done = 0.0
 
-    def __call__(self, name: str, make: Callable[[Callable[[float], None]], T], on: Sequence[Any] = ()) -> T:
+    def __call__(self, name: str, make: Callable[[Callable[[float], None], *Given], T], *given: *Given) -> T:
         share = self._shares[name]
         self._progress(name, self._done)
         begin = time.perf_counter()
         told = lambda done: self._progress(name, self._done + share * done)  # noqa: E731
-        result = self._stages.get_or_compute(name, lambda: make(told), on)
+        result = self._stages.get_or_compute(name, lambda *given: make(told, *given), *given)
         release()  # what the stage's strips and networks left
         self.timings[name] = time.perf_counter() - begin
         self._done += share
@@ -233,16 +244,16 @@ class _Run:
 
 
 def _displaced(
+    told: Callable[[float], None],
     bumps: npt.NDArray[np.int16],
     subject: Subject,
     size: tuple[int, int],
-    skin: npt.NDArray[np.uint8],
     keep_cliffs: bool,
 ) -> tuple[Codes, manifest.Integration]:
     """Displacement codes, and how the integration went."""
     steps = Steps.of(subject.chart, subject.vertices)
     part = subject.head.part_names.index("skin")
-    islands = subject.islands(size)
+    islands, skin = subject.islands(size), subject.skin(size)
     surface = (islands == part) & (skin > 0)
     height, facts = displacement(bumps, steps, surface, keep_cliffs=keep_cliffs)
     height *= skin * np.float32(1 / 255)

@@ -1,4 +1,4 @@
-"""Whatever a stage of the pipeline hands on can be kept on disk, told from the annotations of the stages."""
+"""Whatever a stage hands on can be kept on disk, and it sees nothing but what it is given: told from the source."""
 
 from __future__ import annotations
 
@@ -68,3 +68,26 @@ def test_all_that_stages_hand_on_can_be_kept(module: ModuleType) -> None:
         dataclasses_in(annotation, handed_on)
     assert handed_on, "the stages are written differently now"
     assert handed_on <= set(kept_types(service.pipeline).values())
+
+
+def test_a_stage_sees_only_what_it_is_given() -> None:
+    """A function of the module cannot see a request's options, so its result follows from its arguments."""
+    tree, seen = ast.parse(inspect.getsource(service.pipeline)), set()
+    for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+        if getattr(call.func, "id", "") == "kept":
+            stage = getattr(service.pipeline, getattr(call.args[1], "id", ""), None)
+            assert inspect.isfunction(stage), ast.unparse(call)
+            seen.add(ast.literal_eval(call.args[0]))
+    assert {"detect", "fit", "hair", "texture", "compare"} <= seen
+
+
+def test_stages_of_the_maps_see_only_what_they_are_found_by() -> None:
+    """All but the last of them are closures within one function, whose arguments they are found by."""
+    module = service.reflectance.reflectance
+    tree = ast.parse(inspect.getsource(module))
+    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+    made = [node for node in ast.walk(functions["make_reflectance"]) if isinstance(node, ast.Call)]
+    stages = [call.args[1] for call in made if getattr(call.func, "id", "") == "run"]
+    assert all(isinstance(stage, ast.Name) and stage.id in functions for stage in stages)
+    inner = [node for node in made if getattr(node.func, "id", "") == "_by_networks"]
+    assert [ast.unparse(one) for call in inner for one in call.args] == ["*given", "engine", "tile", "run"]

@@ -26,6 +26,7 @@ from service.geometry.camera import ahead
 from service.geometry.sampling import sample_at
 from service.photo.photo import Photo
 from service.runtime.sessions import Session, load_session
+from service.stage_cache import Loaded
 
 SIDE, CELLS, PART_CELLS = 256, 64, 128
 """Pixels along the crop, cells of chart coordinates and normals, cells of parts."""
@@ -308,7 +309,7 @@ class View:
     reading: Reading | None = None
 
 
-class Readers:
+class Readers(Loaded):
     """The networks that read a face.
 
     Args:

@@ -8,7 +8,7 @@ import tracemalloc
 import types
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from hypothesis.extra import numpy as hnp
 from service.jobs import stage_files as packing
 from service.jobs.artifacts import Artifacts
 from service.jobs.stage_files import Damaged, KeptStages, kept_types
+from service.photo.photo import Photo
 from service.stage_cache import Depending
 
 JOB = "a" * 32
@@ -221,7 +222,29 @@ def test_a_large_map_is_not_copied_as_a_whole(tmp_path: Path) -> None:
 
 def test_a_stage_is_found_by_what_it_depends_on(tmp_path: Path) -> None:
     stages = KeptStages(Artifacts(f"file://{tmp_path / 'kept'}"), "0" * 32, "basis", {}, tmp_path)
-    assert stages.get_or_compute("hair", lambda: 1, ["bob"]) == 1
-    assert Depending(stages, ("shut",)).get_or_compute("hair", lambda: 2, ["bob"]) == 2
-    assert stages.get_or_compute("hair", lambda: 3, ["bob"]) == 1
-    assert stages.get_or_compute("hair", lambda: 4, ["shut", "bob"]) == 2
+    photo = Photo(np.zeros((2, 2, 3), np.uint8))
+    assert stages.get_or_compute("hair", lambda photo, style: 1, photo, "bob") == 1
+    assert Depending(stages, ("shut",)).get_or_compute("hair", lambda photo, style: 2, photo, "bob") == 2
+    assert stages.get_or_compute("hair", lambda photo, style: 3, Photo(photo.pixels.copy()), "bob") == 1
+    assert stages.get_or_compute("hair", lambda photo, style: 4, replace(photo, focal_35mm=28.0), "bob") == 4
+    assert stages.get_or_compute("hair", lambda photo, style: 5, photo, "plait") == 5
+    assert Depending(stages, ("shut",)).get_or_compute("hair", lambda photo, style: 6, photo, "bob") == 2
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ({"a": 1}, {"a": True}), ((1, (2,)), (1, 2)), ("1", 1), (None, ()), ({"a": ""}, {"": "a"}), (b"a", "a"),
+        (np.zeros(2, np.float32), np.zeros(2, np.int32)), (np.zeros((2, 3)), np.zeros((3, 2))),
+        (np.arange(4.0), np.arange(4.0)[::-1]), (Photo(np.zeros((1, 1, 3), np.uint8)), None),
+    ],
+)  # fmt: skip
+def test_what_a_stage_is_given_is_told_apart(one: object, other: object) -> None:
+    digest = packing.Digests()
+    assert digest(one) == digest(one) != digest(other)
+
+
+def test_a_stage_is_given_nothing_that_cannot_be_looked_into(tmp_path: Path) -> None:
+    stages = KeptStages(Artifacts(f"file://{tmp_path / 'kept'}"), "0" * 32, "basis", {}, tmp_path)
+    with pytest.raises(TypeError, match="function"):
+        stages.get_or_compute("hair", lambda network: 1, (1, lambda: 2))
