@@ -75,12 +75,13 @@ def parts() -> list[Part]:
         ("scattering", graphs.Scattering(), dict.fromkeys(("albedo", "arriving", "result"), _ROWS)
          | {"texels_per_mm": _FLAT, "mask": _FLAT}),
         ("reflection", graphs.Reflection(), surface | {"part": _FLAT, "openness": _FLAT}),
-        ("kept", graphs.Kept(), {**surface, "result": _FLAT}),
-        ("highlight", graphs.Highlight(), surface),
     ]  # fmt: skip
+    for ending, rising in (("", True), ("_flat", False)):
+        made.append((f"kept{ending}", graphs.Kept(rising=rising), {**surface, "result": _FLAT}))
+        made.append((f"highlight{ending}", graphs.Highlight(rising=rising), surface))
     result = []
     for name, module, axes in made:
-        inputs = EXAMPLES[name]
+        inputs = EXAMPLES[name.removesuffix("_flat")]
         used = {key: axes[key] for key in (*inputs(SIZES[0]), "result") if key in axes}
         result.append(Part(name, module.eval(), inputs, used, mean=name.startswith("lit")))
     return result

@@ -17,6 +17,7 @@ from models.lightstage.light.expose import expose
 from models.lightstage.light.geometry import Geometry
 from models.lightstage.light.prior import sample_hard_scene, sample_scene
 from models.lightstage.light.sclera import Whites
+from models.lightstage.light.survey import survey
 from models.lightstage.skin.streams import Stream
 from models.lightstage.skin.synthesis import Skin, SkinMaps
 from models.lightstage.skin.window import CHART_WIDTH, ChartWindow
@@ -24,6 +25,7 @@ from models.lightstage.split import light_part
 from models.lightstage.stage import Stage
 from service.geometry.chart import Chart
 from service.light.environment import illumination, names
+from service.light.plan import plan as choose
 from service.light.scene import Scene
 from service.reflectance.subject import GEOMETRY_SIZE, Subject
 
@@ -112,8 +114,10 @@ class Sitting:
 
     def baked(self, maps: SkinMaps, window: ChartWindow, scene: Scene) -> Tensor:
         """(3, h, w) sRGB-coded texture of a window; light from beyond the window is that of its border."""
+        # Planned at the size that is baked: a small copy of the skin has no relief to cast shadows.
+        plan = choose(scene, survey(maps, self.geometry, window))
         scale = self.skin.subject.gloss.scatter_scale
-        return bake(maps, self.geometry, scene, window, scatter_scale=scale)
+        return bake(maps, self.geometry, scene, plan, window, scatter_scale=scale)
 
 
 def capture(sitting: Sitting, recipe: Recipe | None = None) -> Arrays:

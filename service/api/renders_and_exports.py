@@ -167,9 +167,9 @@ async def _body(request: Request, context: Context, kind: Kind) -> bytes:
 
 
 FACTS = "Render-Facts"
-"""Header of the answer: JSON with exposure and fallbacks."""
+"""Header of the answer: JSON with exposure, effects, what leaving out the others costs at most, and fallbacks."""
 
-_SHOWN = ("exposure", "fallbacks")
+_SHOWN = ("exposure", "effects", "left_out_costs_at_most", "fallbacks")
 
 
 def routes(kind: Kind, schema: type[BaseModel], what: str, headers: Callable[[Row], dict[str, str]]) -> APIRouter:
@@ -219,7 +219,7 @@ renders = routes(RENDER, RenderJob, "picture", _render_headers)
 _PICTURE = {
     "description": "The picture.",
     "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
-    "headers": {FACTS: {"schema": {"type": "string"}, "description": "JSON: how it was computed."}},
+    "headers": {FACTS: {"schema": {"type": "string"}, "description": "JSON: what was computed and left out."}},
 }
 
 
@@ -229,7 +229,7 @@ _PICTURE = {
 )  # fmt: skip
 async def render_avatar(request: Request, tenant: Asking, context: Here) -> Response:
     """Takes a JSON object: ``avatar``, the id of a job that has succeeded; ``scene``, see docs/render.md; ``size``,
-    ``view``, ``background``, ``samples``. Answers with the picture as soon as it is made; with 202 and
+    ``view``, ``background``, ``samples``, ``tolerance``. Answers with the picture as soon as it is made; with 202 and
     its job where that takes too long, or at once with ``Prefer: respond-async``.
     """
     avatar, values = await asked(request, context, RENDER)

@@ -36,6 +36,10 @@ def render(
         str | None, typer.Option(help="Behind the head: black, transparent or environment. [default: black]")
     ] = None,
     samples: Annotated[int | None, typer.Option(help="Samples a pixel and axis, 1 to 3. [default: 2]")] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(metavar="N", help="Mean error in 1/255 that leaving out effects may cost. [default: 1]"),
+    ] = None,
     turntable: Annotated[
         int | None,
         typer.Option(metavar="N", help="N pictures around the head, as a film; OUTPUT ends in .gif or .mp4."),
@@ -44,7 +48,8 @@ def render(
 ) -> None:
     """Render an avatar under the light of a scene.
 
-    Exit status: 0 done, 2 usage (also a scene that is not right), 4 unreadable archive, 1 anything else.
+    Computes only the effects that the scene calls for, and says on standard error which and why. Exit status: 0 done,
+    2 usage (also a scene that is not right), 4 unreadable archive, 1 anything else.
     """
     from service.light.scene import Scene
 
@@ -54,10 +59,11 @@ def render(
     text = None if scene is None else read_file(scene, "scene", 1 << 20).decode("utf-8", "replace")
     given = {
         "scene": None if text is None else Scene.from_json(text), "size": None if size is None else parse_size(size),
-        "view": view, "background": background, "samples": samples,
+        "view": view, "background": background, "samples": samples, "tolerance": tolerance,
     }  # fmt: skip
     from service.archive.images import encode_png
     from service.archive.rendering import render_archive
+    from service.light.plan import report
     from service.render.request import RenderRequest
 
     request = RenderRequest(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
@@ -68,6 +74,7 @@ def render(
     picture = render_archive(source, request)
     png = encode_png(picture.pixels, srgb=True)
     write_bytes(output, png)
+    typer.echo(report(picture.plan), err=True)
     for code in picture.fallbacks:
         typer.echo(f"avatarme: fallback: {code}", err=True)
     if as_json:

@@ -327,7 +327,7 @@ class Client:
         Args:
             job_id: the job that made it.
             scene: JSON values of a scene, see ``docs/render.md``; None for a studio.
-            options: ``size`` [width, height], ``view``, ``background``, ``samples``.
+            options: ``size`` [width, height], ``view``, ``background``, ``samples``, ``tolerance``.
 
         Raises:
             UsageError: the scene or an option is not possible; names it.

@@ -206,6 +206,12 @@ def mirror_weights(reflected: Float64, alpha: Float64, directions: Float64) -> F
     return np.asarray(weight / np.maximum(weight.sum(1, keepdims=True), 1e-12))
 
 
+def mirror_openness(openness: Float64, n_v: Float64, alpha: Float64) -> Float64:
+    """Specular occlusion in [0, 1] of a lobe from ambient occlusion (Lagarde and de Rousiers 2014)."""
+    power = np.exp2(-16.0 * np.sqrt(np.clip(alpha, SMALLEST_ALPHA, 1.0)) - 1.0)
+    return np.asarray(np.clip(np.maximum(n_v + openness, 0.0) ** power - 1.0 + openness, 0.0, 1.0))
+
+
 def disc_of(light: PointLight, centre_m: Float64) -> Float64:
     """(S, 3) metres, points on the disc that faces the head, S = 1 to 16 (sunflower pattern).
 

@@ -11,12 +11,10 @@ import json
 import math
 from typing import Annotated
 
-import numpy as np
 from annotated_types import Ge, Le, MaxLen, MinLen
 from pydantic import AfterValidator, ConfigDict, Strict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from service.arrays import Float64
 from service.checks import refused
 
 Triple = tuple[float, float, float]
@@ -149,18 +147,6 @@ def level_of(response: Response) -> float:
     if response.shoulder > 0.0 and linear > knee:
         return float(knee - response.shoulder * math.log(max(1.0 - (linear - knee) / response.shoulder, 1e-6)))
     return float(linear)
-
-
-def develop(light: Float64, response: Response) -> Float64:
-    """(..., 3) coded sRGB in [0, 1] of linear light, by the camera's tone curve."""
-    x = np.maximum(light * np.asarray(response.white_balance) * float(response.exposure or 0.0), 0.0)
-    if response.shoulder > 0.0:
-        knee = 1.0 - response.shoulder
-        bent = knee + response.shoulder * -np.expm1(-np.maximum(x - knee, 0.0) / response.shoulder)
-        x = np.where(x > knee, bent, x)
-    x = np.minimum(x, 1.0)
-    coded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
-    return np.asarray(np.maximum(coded, 0.0) ** response.gamma)
 
 
 def exposed_for(scene: Scene, bright: float) -> Scene:

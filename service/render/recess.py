@@ -18,7 +18,8 @@ from service.arrays import Bool, Float32, Int64
 from service.geometry.mesh import normalise
 from service.geometry.sampling import surface_points, thinned
 from service.light.environment import Illumination, flux_by_direction, prefiltered, spread_directions
-from service.light.formulas import F0_SCALE, Graphs, lamp_numbers, mirror_weights
+from service.light.formulas import F0_SCALE, Graphs, irradiance, lamp_numbers, mirror_weights, project
+from service.light.plan import LightPlan
 from service.light.scene import Triple
 from service.materials.material import Material
 from service.materials.part import MeshPart, part_triangles
@@ -130,7 +131,7 @@ class RecessLight:
     """Light on parts.
 
     Attributes:
-        light: of the scene.
+        light: of the scene; ``plan`` says which of its effects are computed.
         graphs: the formulas.
         detail: resolution of the visibility.
         viewpoint: (3,) metres.
@@ -138,6 +139,7 @@ class RecessLight:
     """
 
     light: Illumination
+    plan: LightPlan
     graphs: Graphs
     detail: VisibilityDetail
     viewpoint: Triple
@@ -217,7 +219,7 @@ class RecessLight:
         one.radiance[visible] = one.colour[visible] * arriving / np.float32(np.pi) * kept[:, None] + mirrored
 
     def arriving(self, points: Float32, normals: Float32, around: Occluders) -> Arriving:
-        """What reaches points (N, 3), metres, with unit normals."""
+        """What reaches points (N, 3), metres, with unit normals; the plan says whether anything hides sky and lamps."""
         return self.with_lamps(self.from_sky(points, normals, around), points, normals, around)
 
     def from_sky(
@@ -227,7 +229,7 @@ class RecessLight:
         light, count = self.light, self.detail.directions
         total, lamps = np.zeros((len(points), 3), np.float32), np.ones((len(points), 0), np.float32)
         openness = mirror = np.ones(len(points), np.float32)
-        if not light.dark:
+        if not light.dark and self.plan.runs("occlusion"):
             seen = around.sky(count, _at(points, normals)).T * np.float32(1 / 255)
             if hair is not None:
                 seen *= hair.from_sky(points * np.float32(1000), count, BIAS["skin"]).T
@@ -239,6 +241,8 @@ class RecessLight:
             reflected = normalise(2.0 * (normals * view).sum(1, keepdims=True) * normals - view)
             weights = mirror_weights(reflected, np.zeros(len(view)), directions.astype(np.float64))
             mirror = np.asarray((weights * seen).sum(1), np.float32)
+        elif not light.dark:
+            total = irradiance(project(light.sky), normals).astype(np.float32)
         return Arriving(total, openness, mirror, lamps)
 
     def with_lamps(
@@ -248,17 +252,19 @@ class RecessLight:
         at, total = _at(points, normals), sky.irradiance
         lamps = np.ones((len(points), len(self.light.lights)), np.float32)
         for i, lamp in enumerate(self.light.lights):
-            lamps[:, i] = around.lamp(around.places(lamp), at)
-            if hair is not None:
-                lamps[:, i] *= hair.from_lamp(points * np.float32(1000), lamp, BIAS["skin"])
+            if self.plan.runs("shadows", i):
+                lamps[:, i] = around.lamp(around.places(lamp), at)
+                if hair is not None:
+                    lamps[:, i] *= hair.from_lamp(points * np.float32(1000), lamp, BIAS["skin"])
             given = {"position": at[:3], "normal": at[3:], "shade": np.ascontiguousarray(lamps[:, i])}
             total = total + self.graphs.at_points("irradiance", given, **lamp_numbers(lamp)).T
         return replace(sky, irradiance=np.asarray(total, np.float32), lamps=lamps)
 
     @cached_property
     def _levels(self) -> Float32 | None:
-        """Reflections of the sky (``prefiltered``); None where it is dark."""
-        return None if self.light.dark else prefiltered(self.light.sky)
+        """Reflections of the sky (``prefiltered``); None where they are left out."""
+        mirrors = self.plan.runs("reflection") and not self.light.dark
+        return prefiltered(self.light.sky) if mirrors else None
 
     def _glossy(
         self, points: Float32, normals: Float32, there: Arriving, material: Material, flesh: Float32
@@ -285,9 +291,10 @@ class RecessLight:
             )
             total += there.mirror * open_sky + (1 - there.mirror) * part * flesh.T / np.float32(np.pi)
         for i, lamp in enumerate(self.light.lights):
-            position = np.ascontiguousarray(points.T * np.float32(1000))
-            at = common | {"position": position, "shade": np.ascontiguousarray(there.lamps[:, i])}
-            total += self.graphs.at_points("highlight", at, **lamp_numbers(lamp))
+            if self.plan.runs("specular", i):
+                position = np.ascontiguousarray(points.T * np.float32(1000))
+                at = common | {"position": position, "shade": np.ascontiguousarray(there.lamps[:, i])}
+                total += self.graphs.at_points("highlight", at, **lamp_numbers(lamp))
         return np.asarray(total.T, np.float32), np.asarray(1 - part, np.float32)
 
 

@@ -2,7 +2,7 @@
 
 ::
 
-    maps --reduce--> Surface --see, shade--> radiance --expose, develop--> pixels
+    maps --reduce--> Surface --see--> plan --shade--> radiance --develop--> pixels
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, UInt8
-from service.colour import LUMA, to_bytes
+from service.arrays import AnyFloat, Float32, Float64, UInt8
+from service.colour import to_bytes
 from service.errors import NumericFault
 from service.geometry.camera import Camera
 from service.geometry.mesh import normalise
@@ -23,9 +23,12 @@ from service.head.model import HeadModel
 from service.light.environment import illumination, lookup
 from service.light.environment import radiance as environment_radiance
 from service.light.formulas import Graphs
-from service.light.scene import BRIGHT, Response, Scene, Triple, develop, exposed_for
+from service.light.plan import LightPlan, plan
+from service.light.samples import AZIMUTHS, Index, SurfaceSamples, survey
+from service.light.scene import BRIGHT, Response, Scene, Triple, exposed_for
+from service.light.shading import Shading, develop
 from service.materials.part import MeshPart, framed
-from service.render.draw import DrawnHead, recess_of, see
+from service.render.draw import DrawnHead, SeenHead, recess_of, see
 from service.render.recess import RecessLight
 from service.render.request import RenderRequest
 from service.render.shade import Clock, HeadShader
@@ -39,6 +42,10 @@ NO_RELIEF = "relief-shadows-not-simulated"
 NO_SHADOWS = "part-shadows-not-simulated"
 """Fallback: lashes and brows throw no shadows in the picture."""
 
+COUNT = 384
+"""Samples of the skin for the planner."""
+_GOLDEN = 0.6180339887498949
+"""Golden ratio less 1: its multiples modulo 1 are spread evenly."""
 _BAND = 64
 """Rows of the background computed at once."""
 
@@ -53,6 +60,7 @@ class RenderedPicture:
         covered: (h, w) in [0, 1].
         camera: of the picture.
         scene: with the chosen exposure.
+        plan: which effects were computed.
         chart: (width, height) of the chart that was lit.
         fallbacks: stable codes of deviations from the request, for example for want of a map.
         timings_s: seconds by step.
@@ -63,6 +71,7 @@ class RenderedPicture:
     covered: Float32
     camera: Camera
     scene: Scene
+    plan: LightPlan
     chart: tuple[int, int]
     fallbacks: tuple[str, ...]
     timings_s: dict[str, float]
@@ -79,6 +88,9 @@ class RenderedPicture:
                 "principal_point": [round(float(value), 3) for value in camera.principal_point],
             },
             "exposure": self.scene.response.exposure,
+            "effects": list(dict.fromkeys(d.effect for d in self.plan.decisions if d.runs)),
+            "plan": [dataclasses.asdict(d) for d in self.plan.decisions],
+            "left_out_costs_at_most": round(self.plan.bound, 4),
             "chart": list(self.chart),
             "fallbacks": list(self.fallbacks),
             "timings_s": {name: round(seconds, 4) for name, seconds in self.timings_s.items()},
@@ -103,7 +115,7 @@ def render_head(
     threads: int = 2,
     detail: VisibilityDetail = VisibilityDetail(),  # noqa: B008 - frozen
     camera: Camera | None = None,
-    scattering: bool = True,
+    without: tuple[str, ...] = (),
     clock: Clock | None = None,
     parts: Sequence[MeshPart] = (),
     kept: Kept | None = None,
@@ -118,7 +130,7 @@ def render_head(
         threads: compute threads.
         detail: resolution of the visibility.
         camera: in place of the request's; of the request's size.
-        scattering: whether light wanders under the skin; for comparisons.
+        without: effects to leave out regardless of the plan, for comparisons.
         clock: holds the times of earlier steps.
         parts: meshes beside the head's own, with textures of their own.
         kept: keeps what does not depend on the camera for the next picture of the same head.
@@ -151,16 +163,20 @@ def render_head(
     visibility = kept.visibility
     graphs = visibility.graphs
     with clock.step("sky"):
-        _ = visibility.sky
-    radiance = HeadShader(surface, visibility, light, graphs, clock, scattering).radiance(seen, viewpoint)
+        sky = visibility.sky
+    with clock.step("plan"):
+        points = samples_of(surface, sky, seen)
+        if scene.response.exposure is None:
+            # The 90th percentile of the samples' luminance becomes the response's target.
+            scene = exposed_for(scene, float(np.quantile(Shading(scene, points, light).luminance(), BRIGHT)))
+        chosen = _simulated(plan(scene, points, request.tolerance), without)
+    radiance = HeadShader(surface, visibility, light, chosen, graphs, clock).radiance(seen, viewpoint)
     if not np.isfinite(radiance).all():
         raise NumericFault(f"{int((~np.isfinite(radiance)).sum())} values of the picture's light are not finite")
     radiance = np.maximum(radiance, 0.0)
-    if scene.response.exposure is None:
-        scene = exposed_for(scene, _bright(radiance, seen.read(surface.skin.astype(np.float32))[:, 0], scene.response))
     with clock.step("parts"):
         skin = np.concatenate([seen.read(surface.albedo), np.float32(np.pi) * radiance], 1)
-        RecessLight(light, graphs, detail, viewpoint, kept.hair).light_parts(seen, skin, visibility.casters)
+        RecessLight(light, chosen, graphs, detail, viewpoint, kept.hair).light_parts(seen, skin, visibility.casters)
     with clock.step("develop"):
         picture, covered = seen.resolved(radiance)
         background = None
@@ -172,7 +188,7 @@ def render_head(
     if request.view is None and len(request.scene.viewpoints) > 1:
         fallbacks = (*fallbacks, "viewpoints-but-first-ignored")
     lit = surface.specular.shape[::-1]
-    return RenderedPicture(pixels, picture, covered, camera, scene, lit, fallbacks, clock.seconds)
+    return RenderedPicture(pixels, picture, covered, camera, scene, chosen, lit, fallbacks, clock.seconds)
 
 
 def _centre(camera: Camera) -> Triple:
@@ -180,17 +196,11 @@ def _centre(camera: Camera) -> Triple:
     return x, y, z
 
 
-def _bright(radiance: Float32, skin: Float32, response: Response) -> float:
-    """White-balanced luminance that a tenth of the skin exceeds.
-
-    Args:
-        radiance: (N, 3) linear, of the picture's points.
-        skin: (N,) share of skin in [0, 1]; where none is seen, all points count.
-        response: has the white balance.
-    """
-    luminance = radiance @ (np.asarray(response.white_balance, np.float32) * LUMA)
-    counted = luminance[skin > 0.5] if (skin > 0.5).any() else luminance
-    return float(np.quantile(counted, BRIGHT)) if len(counted) else 0.0
+def _simulated(made: LightPlan, without: tuple[str, ...]) -> LightPlan:
+    """The plan without relief shadows, which are not computed here (``NO_RELIEF``), and without some effects."""
+    known = (d for d in made.decisions if d.effect != "relief_shadows")
+    left = (dataclasses.replace(d, runs=d.runs and d.effect not in without) for d in known)
+    return LightPlan(tuple(left), made.tolerance)
 
 
 def _chart_size(head: HeadModel, vertices: AnyFloat, camera: Camera, narrowest: int) -> tuple[int, int]:
@@ -200,6 +210,28 @@ def _chart_size(head: HeadModel, vertices: AnyFloat, camera: Camera, narrowest: 
     while width < LARGEST and pixel > 0 and width * pixel < 1.0:
         width *= 2
     return width, width * 2 // 3
+
+
+def samples_of(surface: Surface, sky: UInt8, seen: SeenHead) -> SurfaceSamples:
+    """Samples of the visible skin for the planner, with the density of the picture's points.
+
+    Args:
+        surface: on the chart.
+        sky: (D, h, w) visibility of each direction, 255 = fully visible.
+        seen: the picture's points.
+    """
+    height, width = surface.specular.shape
+    column = np.clip((seen.uv[:, 0] * width).astype(np.int64), 0, width - 1)
+    row = np.clip(((1 - seen.uv[:, 1]) * height).astype(np.int64), 0, height - 1)
+    weight = np.bincount(row * width + column, minlength=height * width).reshape(height, width)
+    offsets = np.asarray(np.arange(COUNT) * _GOLDEN % 1.0, np.float64)
+
+    def visible(at: Index) -> Float64:
+        rows, columns = (at // width) * sky.shape[1] // height, (at % width) * sky.shape[2] // width
+        return sky[:, rows, columns].T / 255.0
+
+    flat = np.zeros((COUNT, AZIMUTHS))
+    return survey(surface, weight.astype(np.float64) * surface.skin, offsets, visible, lambda at: flat)
 
 
 def behind(camera: Camera, environment: AnyFloat) -> Float32:

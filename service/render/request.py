@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
-from pydantic import AfterValidator, BeforeValidator, Strict
+from pydantic import AfterValidator, AllowInfNan, BeforeValidator, Strict
 from pydantic.dataclasses import dataclass
 
 from service.checks import CHECKED, Checked, Right, shown
@@ -66,6 +66,8 @@ class RenderRequest(Checked):
             scene's viewpoint.
         background: behind the head: "black", "transparent" (the PNG gets an alpha channel), or "environment".
         samples: per pixel and axis, 1 to 3.
+        tolerance: largest mean error by leaving out effects, in 1/255 of sRGB; 0 leaves out only what changes
+            nothing.
 
     Raises:
         UsageError: a value is out of range; the message has the value and what would be right.
@@ -80,6 +82,9 @@ class RenderRequest(Checked):
     ] = None
     background: Literal["black", "transparent", "environment"] = "black"
     samples: Annotated[int, Strict(), Ge(1), Le(FINEST), Right(f"1 to {FINEST} per pixel and axis")] = 2
+    tolerance: Annotated[
+        float, Strict(), Ge(0), Le(255), AllowInfNan(False), Right("a number from 0 to 255, in 1/255")
+    ] = 1.0
 
     def __post_init__(self) -> None:
         """Check the number of samples."""

@@ -12,8 +12,9 @@ import numpy as np
 from service.arrays import Float32
 from service.geometry.chart import unit_vectors
 from service.light.environment import Illumination, prefiltered
-from service.light.formulas import Graphs, lamp_numbers
-from service.light.scene import Triple
+from service.light.formulas import F0_SCALE, Graphs, irradiance, lamp_numbers, project
+from service.light.plan import LightPlan
+from service.light.scene import PointLight, Triple
 from service.render.draw import SeenHead
 from service.render.surface import Surface
 from service.render.visibility import Visibility
@@ -45,23 +46,29 @@ class Clock:
 
 @dataclass(frozen=True)
 class HeadShader:
-    """Shades one surface by one scene's light; without ``scattering`` light leaves the skin where it enters."""
+    """Shades one surface by one scene's light; ``plan`` says which effects are computed."""
 
     surface: Surface
     visibility: Visibility
     light: Illumination
+    plan: LightPlan
     graphs: Graphs
     clock: Clock
-    scattering: bool = True
 
     def radiance(self, seen: SeenHead, viewpoint: Triple) -> Float32:
         """(N, 3) linear radiance >= 0 of the points on the head towards a viewpoint."""
-        height, width = self.surface.specular.shape
-        with self.clock.step("shadows"):
-            shades = [self.visibility.shadow(lamp, (width, height)) for lamp in self.light.lights]
+        shades = [self._shade(item, i) for i, item in enumerate(self.light.lights)]
         diffuse = seen.read(self._diffuse(shades, seen))
         with self.clock.step("gloss"):
             return self._glossy(seen, viewpoint, diffuse, shades)
+
+    def _shade(self, light: PointLight, index: int) -> Float32:
+        """(H, W) visible share of a lamp in [0, 1]."""
+        height, width = self.surface.specular.shape
+        if not self.plan.runs("shadows", index):
+            return np.ones((height, width), np.float32)
+        with self.clock.step("shadows"):
+            return self.visibility.shadow(light, (width, height))
 
     def _diffuse(self, shades: list[Float32], seen: SeenHead) -> Float32:
         """(H, W, 3) diffuse radiance after scattering, before specular reflection is subtracted."""
@@ -77,7 +84,7 @@ class HeadShader:
                 arriving = arriving + lit.reshape(position.shape)
         albedo = _planes(np.clip(s.albedo, 0.0, 1.0))
         radiosity = albedo * arriving
-        if self.scattering:
+        if self.plan.runs("scattering"):
             with self.clock.step("scattering"):
                 radiosity = self._scattered(albedo, arriving, seen)
         return np.ascontiguousarray(np.moveaxis(self._padded(radiosity) / np.float32(math.pi), 0, 2))
@@ -115,30 +122,42 @@ class HeadShader:
         height, width = s.specular.shape
         if self.light.dark:
             return np.zeros((3, height, width), np.float32)
+        if not self.plan.runs("occlusion"):
+            return _planes(irradiance(project(self.light.sky), s.diffuse_normal).astype(np.float32))
         vector = self.visibility.sky_light(self.light.sky, (width, height))
         return _planes(np.maximum(np.einsum("hwci,hwi->hwc", vector, s.diffuse_normal), 0.0))
 
     def _glossy(self, seen: SeenHead, viewpoint: Triple, diffuse: Float32, shades: list[Float32]) -> Float32:
         """(N, 3) radiance: ``diffuse`` less the specular albedo, highlights, and the reflection of the sky."""
-        s = self.surface
+        s, plan = self.surface, self.plan
         specular, alphas, share = seen.read(s.specular)[:, 0], seen.read(s.alpha), seen.read(s.share)[:, 0]
-        if self.light.dark and not shades:
-            return diffuse
+        mirrors = plan.runs("reflection") and not self.light.dark
+        shining = [i for i in range(len(shades)) if plan.runs("specular", i)]
+        if not (mirrors or shining):
+            return diffuse * (1.0 - np.float32(F0_SCALE) * specular)[:, None]
         offset = np.asarray(viewpoint, np.float32) - seen.position_m
         view, normal = (unit_vectors(v).T for v in (offset, seen.read(s.specular_normal)))
-        total, taken = np.zeros((3, len(share)), np.float32), np.zeros_like(share)
-        if not self.light.dark:
+        flat = "" if plan.runs("fresnel") else "_flat"
+        ones = np.ones_like(share)
+        lobes = [(alphas[:, 0], share), (alphas[:, 1], 1.0 - share)]
+        if not plan.runs("second_lobe"):
+            lobes = [(alphas[:, 1] + (alphas[:, 0] - alphas[:, 1]) * share, ones)]
+        openness = ones
+        if mirrors and plan.runs("occlusion"):
             openness = seen.read(self.visibility.openness(s.normal))[:, 0]
-            levels = prefiltered(self.light.sky)
-        for alpha, weight in ((alphas[:, 0], share), (alphas[:, 1], 1.0 - share)):
+        total, taken = np.zeros((3, len(ones)), np.float32), np.zeros_like(ones)
+        levels = prefiltered(self.light.sky) if mirrors else None
+        for alpha, weight in lobes:
             common = {"view": view, "normal": normal, "specular": specular, "alpha": alpha}
-            part = weight * self.graphs.at_points("kept", common)
+            part = weight * self.graphs.at_points(f"kept{flat}", common)
             taken += part
-            for lamp, shade in zip(self.light.lights, shades, strict=True):
-                points = {"position": seen.position_m.T * np.float32(1000), "shade": seen.read(shade)[:, 0]} | common
-                shine = self.graphs.at_points("highlight", points, **lamp_numbers(lamp))
+            for i in shining:
+                points = {
+                    "position": seen.position_m.T * np.float32(1000), "shade": seen.read(shades[i])[:, 0],
+                } | common  # fmt: skip
+                shine = self.graphs.at_points(f"highlight{flat}", points, **lamp_numbers(self.light.lights[i]))
                 total += weight * shine
-            if not self.light.dark:
+            if levels is not None:
                 points = {"view": view, "normal": normal, "part": part, "alpha": alpha, "openness": openness}
                 total += self.graphs.at_points("reflection", points, levels=levels)
         return diffuse * (1.0 - np.clip(taken, 0.0, 1.0))[:, None] + total.T

@@ -8,11 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from service.arrays import AnyFloat, Bool, Float32, UInt8
+from service.arrays import AnyFloat, Float32, UInt8
 from service.colour import bytes_to_linear
 from service.errors import BadArchive
 from service.geometry.chart import NO_PART, Chart
 from service.head.model import HeadModel
+from service.light.samples import LitChart
 
 Size = tuple[int, int]
 
@@ -55,34 +56,14 @@ class StoredMap:
 
 
 @dataclass(frozen=True)
-class Surface:
+class Surface(LitChart):
     """The surface on the chart, (H, W) texels, filled outside the islands.
 
     Attributes:
-        position_m: metres, head space.
-        normal, tangent, bitangent: smooth unit frame, head space.
-        diffuse_normal, specular_normal: unit, head space.
-        albedo: linear diffuse albedo in [0, 1].
-        specular: specular albedo s in [0, 1].
-        alpha: (H, W, 2) GGX alpha of both lobes; ``share`` (H, W) weight of the first.
-        texels_per_mm: square root of texels per mm^2.
-        skin: (H, W) bool, texels where light scatters.
         chart: rasterised at this size.
         fallbacks: stable codes of missing or changed maps.
     """
 
-    position_m: Float32
-    normal: Float32
-    tangent: Float32
-    bitangent: Float32
-    diffuse_normal: Float32
-    specular_normal: Float32
-    albedo: Float32
-    specular: Float32
-    alpha: Float32
-    share: Float32
-    texels_per_mm: Float32
-    skin: Bool
     chart: Chart
     fallbacks: tuple[str, ...]
 

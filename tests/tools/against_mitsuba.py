@@ -30,7 +30,9 @@ from service.head.files import load_head
 from service.head.model import HeadModel
 from service.light.environment import radiance as environment_radiance
 from service.light.formulas import Graphs
-from service.light.scene import Environment, PointLight, Response, Scene, develop
+from service.light.plan import LightPlan
+from service.light.scene import Environment, PointLight, Response, Scene
+from service.light.shading import develop
 from service.render.draw import DrawnHead, SeenHead, see
 from service.render.render import render_head
 from service.render.request import RenderRequest
@@ -232,8 +234,8 @@ def compare_light(size: int, samples: int, environment: str, chart: tuple[int, i
     for name, plain in light_scenes(environment).items():
         scene = dataclasses.replace(plain, viewpoints=(VIEW_M,))
         scene = expose(skin, geometry, scene, window)
-        light = radiance(skin, geometry, scene, window, scattering=False)[0][0]
-        ours = light.permute(1, 2, 0).numpy().astype(np.float64)
+        chosen = LightPlan.everything(scene).without("scattering")
+        ours = radiance(skin, geometry, scene, chosen, window)[0][0].permute(1, 2, 0).numpy().astype(np.float64)
         results[name] = Difference.of(_coded(read(ours, uv), scene), _coded(drawn[name], scene), mask)
     return results
 
@@ -272,9 +274,9 @@ def compare_archive(
         reference = Reference(head, size, Path(folder))
         for name, scene in ARCHIVE_SCENES.items():
             theirs = _reference(reference, surface, head, seen, scene, samples)
-            request = RenderRequest(scene=scene, size=(size, size), samples=3 if size <= 512 else 2)
+            request = RenderRequest(scene=scene, size=(size, size), samples=3 if size <= 512 else 2, tolerance=0.0)
             picture = render_head(
-                head, avatar.mesh.vertices, avatar.maps, request, detail=detail, camera=camera, scattering=False
+                head, avatar.mesh.vertices, avatar.maps, request, detail=detail, camera=camera, without=("scattering",)
             )  # fmt: skip
             whole = mask & (picture.covered == 1.0)
             ours = develop(np.asarray(picture.light, np.float64), picture.scene.response)

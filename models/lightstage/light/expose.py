@@ -10,6 +10,7 @@ from models.lightstage.light.maps import LitMaps
 from models.lightstage.light.sampling import enlarged
 from models.lightstage.skin.window import ChartWindow
 from service.colour import LUMA
+from service.light.plan import LightPlan
 from service.light.scene import BRIGHT, Scene, exposed_for, level_of
 
 __all__ = ["expose", "level_of"]
@@ -28,7 +29,7 @@ def expose(skin: LitMaps, geometry: Geometry, scene: Scene, window: ChartWindow)
     """
     if scene.response.exposure is not None:
         return scene
-    views = radiance(skin, geometry, scene, window)
+    views = radiance(skin, geometry, scene, LightPlan.everything(scene), window)
     blend = sum((light * weight for light, weight in views), torch.zeros((), device=geometry.device))
     balance = torch.tensor(scene.response.white_balance, device=geometry.device)
     balance = balance * torch.from_numpy(LUMA).to(geometry.device)

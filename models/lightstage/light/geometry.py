@@ -166,6 +166,10 @@ class Geometry:
             self._shadows[light] = self._cast(light)
         return enlarged(self._shadows[light], window)[0].clamp(0.0, 1.0)
 
+    def forget_shadows(self) -> None:
+        """Give back the memory of remembered shadows."""
+        self._shadows.clear()
+
     def _cast(self, light: PointLight) -> Tensor:
         height, width = self.maps.shape[1:]
         points = Points(self.maps[:3].reshape(3, -1), self.maps[3:6].reshape(3, -1))

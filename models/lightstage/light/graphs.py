@@ -58,15 +58,23 @@ class Irradiance(nn.Module):
 class Kept(nn.Module):
     """Directional albedo of one lobe; what it mirrors is missing from what the skin scatters."""
 
+    def __init__(self, *, rising: bool) -> None:
+        super().__init__()
+        self.rising = rising
+
     def forward(self, view: Tensor, normal: Tensor, specular: Tensor, alpha: Tensor) -> Tensor:
         """(h, w) in [0, 1] of unit view and normal (3, h, w), specular albedo and GGX alpha (h, w)."""
         n_v = dot(normal, view).clamp(1e-3, 1.0)
         f0 = F0_SCALE * specular.clamp(0.0, 1.0)
-        return directional_albedo(f0, alpha.clamp(SMALLEST_ALPHA, 1.0), n_v)
+        return directional_albedo(f0, alpha.clamp(SMALLEST_ALPHA, 1.0), n_v, rising=self.rising)
 
 
 class Highlight(nn.Module):
     """Mirror-like reflection of a lamp by one lobe."""
+
+    def __init__(self, *, rising: bool) -> None:
+        super().__init__()
+        self.rising = rising
 
     def forward(
         self, position: Tensor, view: Tensor, normal: Tensor, shade: Tensor, specular: Tensor, alpha: Tensor,
@@ -77,7 +85,7 @@ class Highlight(nn.Module):
         gloss = Gloss(F0_SCALE * specular.clamp(0.0, 1.0), (lobe,), (torch.ones_like(lobe),))
         towards, distance, irradiance, size = arriving_at(position, at, intensity, radius)
         lamp = Lamp(towards, distance, irradiance, shade, size)
-        return highlight(view, normal, gloss, lamp)
+        return highlight(view, normal, gloss, lamp, rising=self.rising)
 
 
 class Reflection(nn.Module):

@@ -30,12 +30,17 @@ class Gloss:
     shares: tuple[Tensor, ...]
 
     @classmethod
-    def of(cls, specular_albedo: Tensor, roughness: Tensor) -> Gloss:
-        """From (1, h, w) specular albedo and (3, h, w) roughness (alpha, alpha, share of the first lobe)."""
+    def of(cls, specular_albedo: Tensor, roughness: Tensor, two_lobes: bool) -> Gloss:
+        """From (1, h, w) specular albedo and (3, h, w) roughness (alpha, alpha, share of the first lobe).
+
+        With one lobe its alpha is the mean of both by share.
+        """
         first, second = roughness[0].clamp(SMALLEST_ALPHA, 1.0), roughness[1].clamp(SMALLEST_ALPHA, 1.0)
         share = roughness[2].clamp(0.0, 1.0)
         f0 = F0_SCALE * specular_albedo[0].clamp(0.0, 1.0)
-        return cls(f0, (first, second), (share, 1.0 - share))
+        if two_lobes:
+            return cls(f0, (first, second), (share, 1.0 - share))
+        return cls(f0, (second + (first - second) * share,), (torch.ones_like(share),))
 
 
 def ggx(alpha: Tensor, n_h_sine2: Tensor, n_l: Tensor, n_v: Tensor) -> Tensor:
@@ -87,8 +92,8 @@ def _table(device: str) -> Tensor:
     return torch.from_numpy(albedo_table()).float().to(device)
 
 
-def directional_albedo(f0: Tensor, alpha: Tensor, n_v: Tensor) -> Tensor:
-    """(h, w) share of even light that a lobe sends to the viewer, at most 1."""
+def directional_albedo(f0: Tensor, alpha: Tensor, n_v: Tensor, *, rising: bool = True) -> Tensor:
+    """(h, w) share of even light that a lobe sends to the viewer, at most 1; no Fresnel rise where not ``rising``."""
     table = _table(str(alpha.device)).to(alpha.dtype)
     row = (n_v * COSINES - 0.5).clamp(0.0, COSINES - 1.0)
     column = (alpha * ALPHAS - 0.5).clamp(0.0, ALPHAS - 1.0)
@@ -98,4 +103,5 @@ def directional_albedo(f0: Tensor, alpha: Tensor, n_v: Tensor) -> Tensor:
     upper = torch.lerp(table[:, r, c], table[:, r, c + 1], fc)
     lower = torch.lerp(table[:, r + 1, c], table[:, r + 1, c + 1], fc)
     scale, bias = torch.lerp(upper, lower, fr)
-    return (f0 * scale + bias).clamp(0.0, 1.0)
+    albedo = f0 * scale + bias if rising else f0 * (scale + bias)
+    return albedo.clamp(0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The baked texture of a whole chart: exposed, and baked in tiles."""
+"""The baked texture of a whole chart: exposed, planned, and baked in tiles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from models.lightstage.light.bake import bake, footprint
 from models.lightstage.light.expose import expose
 from models.lightstage.light.geometry import Geometry
 from models.lightstage.light.prior import sample_scene
+from models.lightstage.light.survey import survey_chart
 from models.lightstage.skin.window import ChartWindow
+from service.light.plan import plan as choose
 
 if TYPE_CHECKING:
     from models.lightstage.skin.synthesis import Skin
@@ -28,12 +30,13 @@ def bake_texture(skin: Skin, stage: Stage, width: int, height: int, seed: int) -
     small = ChartWindow.whole(192, 128)
     maps = skin.maps(small)
     scene = expose(maps, geometry, sample_scene(seed), small)
+    chosen = choose(scene, survey_chart(skin.maps, geometry, width, height))
     result = np.zeros((height, width, 3), np.uint8)
     for y in range(0, height, TILE):
         for x in range(0, width, TILE):
             tile = ChartWindow(x, y, min(TILE, width - x), min(TILE, height - y), width, height)
-            outer = footprint(tile, geometry, scale)
-            image = bake(skin.maps(outer), geometry, scene, tile, maps_window=outer, scatter_scale=scale)
+            outer = footprint(tile, geometry, chosen, scale)
+            image = bake(skin.maps(outer), geometry, scene, chosen, tile, maps_window=outer, scatter_scale=scale)
             coded = (image * 255.0).round().byte().cpu().numpy().transpose(1, 2, 0)
             result[y : y + tile.height, x : x + tile.width] = coded
     return result

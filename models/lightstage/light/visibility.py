@@ -13,13 +13,12 @@ import torch
 from torch import Tensor
 
 from models.lightstage.light.sampling import dot
+from service.light.shading import HORIZON
 
 _BIAS_MM = 0.6
 _SOFT_MM = 0.8
 _CELLS = 1.5  # a point of the nearest four cells is at most this far away
 _STEEPEST = 8.0
-HORIZON = 0.25
-"""Sine of the angle below the smooth horizon at which a lamp has faded out; above, fine relief may still face it."""
 
 
 @dataclass(frozen=True)

@@ -168,6 +168,7 @@ def test_a_fault_of_the_renderer_is_a_problem(api: Api, finished: str) -> None:
     [
         ("[", 422, "malformed-render", ""),
         ("[]", 422, "malformed-render", ""),
+        ('{"avatar": "x", "tolerance": NaN}', 422, "malformed-render", "/tolerance"),
         ("[" * 100_000, 422, "malformed-render", ""),
         ({}, 422, "usage", "/avatar"),
         ({"avatar": 3}, 422, "usage", "/avatar"),

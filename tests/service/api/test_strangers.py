@@ -283,6 +283,7 @@ def test_a_key_belongs_to_one_request_with_all_of_its_parts(ada: httpx.Client, b
     [
         ('"view": 1%s' % ("0" * 400), "/view"),
         ('"view": "../../etc/passwd"', "/view"),
+        ('"tolerance": 1%s' % ("0" * 400), "/tolerance"),
         ('"scene": {"environment": {"name": "../../etc/passwd"}}', "/scene/environment/name"),
         ('"scene": {"lights": [{"position_m": [0, 0, 1], "intensity": [1, 1, "x"]}]}', "/scene/lights/0/intensity/2"),
         ('"scene": {"environment": {"softboxes": [{}]}}', "/scene/environment/softboxes/0/direction"),

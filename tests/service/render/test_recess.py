@@ -10,6 +10,7 @@ import pytest
 
 from service.light.environment import illumination
 from service.light.formulas import Graphs
+from service.light.plan import LightPlan
 from service.light.scene import Environment, PointLight, Scene
 from service.materials.material import Material
 from service.materials.part import MeshPart
@@ -40,11 +41,13 @@ def plate(low: tuple[float, float, float], high: tuple[float, float, float]) -> 
 
 
 def lit(
-    points: np.ndarray, normals: np.ndarray, occluders: np.ndarray, what: Scene | None = None
-) -> Arriving:
+    points: np.ndarray, normals: np.ndarray, occluders: np.ndarray, what: Scene | None = None,
+    plan: LightPlan | None = None,
+) -> Arriving:  # fmt: skip
     what = what or scene(EVEN)
     around = Occluders(np.ascontiguousarray(occluders.T, np.float32), 0.45, GRAPHS)
-    light = RecessLight(illumination(what), GRAPHS, VisibilityDetail(128), (0.0, 0.0, 1.2))
+    made = plan or LightPlan.everything(what)
+    light = RecessLight(illumination(what), made, GRAPHS, VisibilityDetail(128), (0.0, 0.0, 1.2))
     found = light.arriving(points, normals, around)
     for values in dataclasses.astuple(found):
         assert np.isfinite(values).all()
@@ -123,3 +126,10 @@ def toy(name: str, z: float, **material: Any) -> MeshPart:
     surface = Material(name, **{"colour": (0.0,) * 3, "ior": 1.376, "roughness": 0.03, **material})
     uv = np.zeros((4, 2), np.float32)
     return MeshPart(name, points, points, np.array([[0, 1, 2, 3]], np.int32), uv, surface)
+
+
+def test_effects_that_the_plan_leaves_out_are_not_computed() -> None:
+    what = scene(EVEN, LAMP)
+    plan = LightPlan.everything(what).without("occlusion").without("shadows", 0)
+    found = lit(POLE, FORWARD, ball(25.0), what, plan)
+    assert found.openness[0] == found.mirror[0] == found.lamps[0, 0] == 1 and found.irradiance[0, 0] > np.pi * 0.99

@@ -15,7 +15,7 @@ from service.errors import UsageError
 from service.render.request import RenderRequest
 from tests.service.archive.toys import whole_avatar
 
-SMALL = RenderRequest(size=(64, 80), samples=1)
+SMALL = RenderRequest(size=(64, 80), samples=1, tolerance=200.0)
 
 
 @pytest.fixture(scope="module")

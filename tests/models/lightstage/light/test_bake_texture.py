@@ -18,6 +18,7 @@ from models.lightstage.light.texture import bake_texture  # noqa: E402
 from models.lightstage.sample import write_sample  # noqa: E402
 from models.lightstage.skin.window import ChartWindow  # noqa: E402
 from models.lightstage.stage import Stage  # noqa: E402
+from service.light.plan import LightPlan  # noqa: E402
 
 pytestmark = [pytest.mark.train, pytest.mark.slow]
 
@@ -47,14 +48,15 @@ def test_a_crop_of_a_real_head_is_that_of_the_whole_and_bfloat16_is_near() -> No
     whole = ChartWindow.whole(*SIZE)
     maps = skin.maps(whole)
     scene = expose(maps, geometry, sample_scene(7), whole)
-    outer = footprint(whole, geometry)
-    exact = bake(skin.maps(outer), geometry, scene, whole, maps_window=outer)
+    everything = LightPlan.everything(scene)
+    outer = footprint(whole, geometry, everything)
+    exact = bake(skin.maps(outer), geometry, scene, everything, whole, maps_window=outer)
     assert exact.isfinite().all()
     crop = ChartWindow(72, 40, 48, 32, *SIZE)
-    around = footprint(crop, geometry)
-    part = bake(skin.maps(around), geometry, scene, crop, maps_window=around)
+    around = footprint(crop, geometry, everything)
+    part = bake(skin.maps(around), geometry, scene, everything, crop, maps_window=around)
     torch.testing.assert_close(part, crop.cut(exact, whole), rtol=0, atol=1e-3)
-    half = bake(skin.maps(outer), geometry, scene, whole, maps_window=outer, dtype=torch.bfloat16)
+    half = bake(skin.maps(outer), geometry, scene, everything, whole, maps_window=outer, dtype=torch.bfloat16)
     assert half.dtype == torch.bfloat16
     skin_texels = maps.mask[0] > 0.5
     difference = (half.float() - exact).abs()[:, skin_texels]

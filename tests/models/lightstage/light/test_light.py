@@ -16,13 +16,18 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 
 from models.lightstage.light import scatter  # noqa: E402
 from models.lightstage.light.bake import bake, footprint, radiance  # noqa: E402
+from models.lightstage.light.expose import expose  # noqa: E402
 from models.lightstage.light.geometry import Geometry  # noqa: E402
 from models.lightstage.light.lobes import directional_albedo, fresnel, ggx  # noqa: E402
 from models.lightstage.light.plain import PlainSkin  # noqa: E402
+from models.lightstage.light.prior import sample_scene  # noqa: E402
 from models.lightstage.light.relief import relief_shadow  # noqa: E402
 from models.lightstage.light.response import developed  # noqa: E402
+from models.lightstage.light.survey import survey  # noqa: E402
 from models.lightstage.skin.window import ChartWindow  # noqa: E402
-from service.light.scene import Environment, PointLight, Response, Scene, develop  # noqa: E402
+from service.light.plan import LightPlan, estimates_of, plan  # noqa: E402
+from service.light.scene import Environment, PointLight, Response, Scene  # noqa: E402
+from service.light.shading import develop  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -45,6 +50,10 @@ def front() -> Any:
     """(h, w) skin texels that face the camera, away from the eyeballs, which stick out of the toy's sphere."""
     site = geometry().site(WHOLE)
     return (site.normal[2] > 0.3) & (geometry().mask[0] > 0.5) & (site.position[1].abs() > 45.0)
+
+
+def light_of(scene: Scene, maps: PlainSkin, chosen: LightPlan | None = None) -> Any:
+    return radiance(maps, geometry(), scene, chosen or LightPlan.everything(scene), WHOLE)[0][0]
 
 
 @pytest.mark.parametrize("alpha", [0.05, 0.2, 0.5, 1.0])
@@ -76,8 +85,8 @@ def test_the_lobe_sends_what_its_table_says_and_never_more_than_all(alpha: float
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
 def test_white_furnace_gains_nothing(albedo: float, dtype: Any) -> None:
     scene = Scene(EVEN, viewpoints=VIEW, response=Response(exposure=1.0))
-    maps = skin(albedo=(albedo,) * 3, specular=1.0, dtype=dtype)
-    seen = radiance(maps, geometry(), scene, WHOLE, dtype=dtype)[0][0].float()[:, front()]
+    maps, everything = skin(albedo=(albedo,) * 3, specular=1.0, dtype=dtype), LightPlan.everything(scene)
+    seen = radiance(maps, geometry(), scene, everything, WHOLE, dtype=dtype)[0][0].float()[:, front()]
     assert seen.max() <= (1.01 if dtype == torch.float32 else 1.02)
     if albedo == 1.0:
         assert seen.min() > 0.9  # and a white convex body loses next to nothing
@@ -89,7 +98,8 @@ def test_lambert_under_one_lamp() -> None:
     """Albedo / pi * intensity * cos / d^2, by hand, where nothing is in the way."""
     lamp = PointLight((0.0, 0.0, 2.0), (3.0, 2.0, 1.0))
     scene = Scene(Environment(), (lamp,), VIEW, Response(exposure=1.0))
-    seen = radiance(skin(specular=0.0), geometry(), scene, WHOLE, scattering=False)[0][0]
+    chosen = LightPlan.everything(scene).without("specular", 0).without("scattering")
+    seen = light_of(scene, skin(specular=0.0), chosen)
     site = geometry().site(WHOLE)
     offset = torch.tensor([0.0, 0.0, 2.0]).view(3, 1, 1) - site.position / 1000.0
     d = offset.norm(dim=0)
@@ -119,14 +129,17 @@ HARD = {
 def test_hard_scenes_stay_finite_and_positive(name: str, dtype: Any) -> None:
     scene = HARD[name].exposed(1.0)
     maps = PlainSkin.even(WHOLE, alpha=(0.02, 1.0), share=0.5, dtype=dtype)
-    for light, weight in radiance(maps, geometry(), scene, WHOLE, dtype=dtype):
+    everything = LightPlan.everything(scene)
+    for light, weight in radiance(maps, geometry(), scene, everything, WHOLE, dtype=dtype):
         assert light.isfinite().all()
         assert light.min() >= 0.0
         assert weight.isfinite().all()
-    image = bake(maps, geometry(), scene, WHOLE, dtype=dtype)
+    image = bake(maps, geometry(), scene, everything, WHOLE, dtype=dtype)
     assert image.dtype == dtype
     assert image.isfinite().all()
     assert 0.0 <= float(image.min()) <= float(image.max()) <= 1.0
+    made = plan(scene, survey(maps, geometry(), WHOLE, count=64))
+    assert np.isfinite([d.bound for d in made.decisions]).all()
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
@@ -135,7 +148,7 @@ def test_normals_of_no_length_or_all_alike_do_no_harm(dtype: Any) -> None:
     for vector in ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (float("nan"), 0.0, 0.0)):
         bad = torch.tensor(vector, dtype=dtype).view(3, 1, 1).expand(3, 64, 96)
         maps = dataclasses.replace(skin(dtype=dtype), specular_normal=bad, diffuse_normal=bad)
-        image = bake(maps, geometry(), scene, WHOLE, dtype=dtype)
+        image = bake(maps, geometry(), scene, LightPlan.everything(scene), WHOLE, dtype=dtype)
         assert image.isfinite().all()
         assert image.min() >= 0.0
 
@@ -188,6 +201,7 @@ def test_a_pit_is_in_the_shade_of_a_low_light() -> None:
 def test_a_crop_is_the_same_as_the_whole() -> None:
     big = ChartWindow.whole(384, 256)
     scene = Scene(EVEN, (PointLight((0.3, 0.3, 0.7), (1.0,) * 3),), VIEW, Response(exposure=0.5))
+    everything = LightPlan.everything(scene)
     noise = torch.rand(1, 512, 640, generator=torch.Generator().manual_seed(1))
 
     def maps(window: ChartWindow) -> PlainSkin:
@@ -196,22 +210,51 @@ def test_a_crop_is_the_same_as_the_whole() -> None:
         return dataclasses.replace(plain, diffuse_albedo=plain.diffuse_albedo * part, height_mm=0.1 * part)
 
     crop = ChartWindow(150, 90, 64, 48, 384, 256)
-    outer, whole_outer = (footprint(w, geometry()) for w in (crop, big))
+    outer, whole_outer = (footprint(w, geometry(), everything) for w in (crop, big))
     assert outer.x <= crop.x - 2
-    part = bake(maps(outer), geometry(), scene, crop, maps_window=outer)
-    whole = bake(maps(whole_outer), geometry(), scene, big, maps_window=whole_outer)
+    part = bake(maps(outer), geometry(), scene, everything, crop, maps_window=outer)
+    whole = bake(maps(whole_outer), geometry(), scene, everything, big, maps_window=whole_outer)
     torch.testing.assert_close(part, crop.cut(whole, big), rtol=0, atol=2e-4)
-    again = bake(maps(outer), geometry(), scene, crop, maps_window=outer)
+    again = bake(maps(outer), geometry(), scene, everything, crop, maps_window=outer)
     assert torch.equal(part, again)
 
 
 def test_the_response_is_monotone_and_the_same_in_both_places() -> None:
-    """The renderer has its own copy in numpy; the two must agree."""
+    """The planner has its own copy in numpy; the two must agree."""
     response = Response(exposure=1.3, white_balance=(1.1, 1.0, 0.9), shoulder=0.3, gamma=0.95)
     light = torch.linspace(0, 4, 999).expand(3, 999)
     made = developed(light, response)
     assert made.diff().min() >= 0.0
     np.testing.assert_allclose(made.numpy().T, develop(light.numpy().T.astype(float), response), atol=1e-5)
+
+
+def test_the_planner_shades_each_point_as_the_camera_does() -> None:
+    """Texel by texel, with and without each effect that needs no shadow; would break: one of two formulas changed."""
+    scene = expose(skin(), geometry(), Scene(EVEN, (PointLight((0.2, 0.3, 1.5), (2.0,) * 3, 0.1),), VIEW), WHOLE)
+    everything = LightPlan.everything(scene).without("shadows", 0).without("scattering")
+    base: set[Any] = {("shadows", 0), ("scattering", None)}
+    places = torch.stack(torch.meshgrid(torch.arange(64.0), torch.arange(96.0), indexing="ij"))
+    where = survey(
+        dataclasses.replace(skin(), diffuse_albedo=torch.cat([places / 128, 0 * places[:1]])), geometry(), WHOLE
+    )
+    row, column = (np.rint(where.albedo[0, :, i] * 128).astype(int) for i in (0, 1))
+    shaded = estimates_of(scene, survey(skin(), geometry(), WHOLE)).shading
+    for effect in (None, "reflection", "fresnel", "specular", "second_lobe"):
+        light = 0 if effect == "specular" else None
+        chosen = everything.without(effect, light) if effect else everything
+        image = bake(skin(), geometry(), scene, chosen, WHOLE).numpy()[:, row, column].T
+        made = shaded.picture({*base, (effect, light)} if effect else base)[0]
+        assert np.abs(made - image).mean() * 255 < 1.0, effect
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_planned_stays_within_the_stated_bound(seed: int) -> None:
+    scene = expose(skin(), geometry(), sample_scene(seed), WHOLE)
+    chosen = plan(scene, survey(skin(), geometry(), WHOLE))
+    whole = bake(skin(), geometry(), scene, LightPlan.everything(scene), WHOLE)
+    planned = bake(skin(), geometry(), scene, chosen, WHOLE)
+    face = geometry().face[0] > 0.5
+    assert float((whole - planned).abs()[:, face].mean()) * 255 <= chosen.bound + 1e-3
 
 
 def test_a_triangle_without_area_on_the_chart_does_no_harm() -> None:
@@ -222,5 +265,5 @@ def test_a_triangle_without_area_on_the_chart_does_no_harm() -> None:
     head = dataclasses.replace(head, uv=uv)
     broken = Geometry.of(head, head.mean, size=(96, 64), sky_size=(48, 32), directions=32, casters_mm=(6.0, 6.0))
     scene = HARD["point"].exposed(1.0)
-    image = bake(skin(), broken, scene, WHOLE)
+    image = bake(skin(), broken, scene, LightPlan.everything(scene), WHOLE)
     assert image.isfinite().all()
