@@ -71,7 +71,7 @@ class Given(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
-class Camera(_Strict):
+class CameraEntry(_Strict):
     """A vertex X of mesh/head.obj lands on focal_px * (x/z, y/z) + principal_point, (x, y, z) = rotation X +
     translation; x right, y down, z forward, centre of the top left pixel at (0.5, 0.5), in the upright photo.
     """
@@ -89,7 +89,7 @@ class Camera(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
-class File(_Strict):
+class FileEntry(_Strict):
     """One file of the archive."""
 
     path: str
@@ -154,7 +154,7 @@ class Integration(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
-class Correction(_Strict):
+class CorrectionEntry(_Strict):
     """A rule that altered what the photo or a network gave; docs/corrections.md says what each is for."""
 
     name: str
@@ -189,7 +189,7 @@ class Detail(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
-class Reflectance(_Strict):
+class ReflectanceEntry(_Strict):
     """How the networks ran."""
 
     quality: Literal["draft", "standard", "high", "reference"]
@@ -208,7 +208,7 @@ class Reflectance(_Strict):
     fallbacks: list[str]
     """Stable codes of what ran differently than on another machine or with other options."""
     integration: Integration | None
-    corrections: list[Correction]
+    corrections: list[CorrectionEntry]
     """Those that ran, in order."""
     detail: Detail | None
     """Null where there was no photo, or the texture was only resampled."""
@@ -221,7 +221,7 @@ class UsedPhoto(_Strict):
     sha256: str
     """As ``input.sha256``."""
     face_box: Annotated[list[float], Len(4, 4)]
-    camera: Camera
+    camera: CameraEntry
     """The head in this photo has its own expression; that of ``fit`` is the first photo's."""
     landmark_rms_px: Annotated[float, Ge(0)]
     used_for: list[str]
@@ -244,7 +244,7 @@ class LeftOut(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
-class Head(_Strict):
+class HeadEntry(_Strict):
     """The head model that was fitted."""
 
     name: str
@@ -283,7 +283,7 @@ class Light(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
-class Gaze(_Strict):
+class GazeEntry(_Strict):
     """Where both eyes look, in the head's frame; already part of ``expression`` as the units eyeLook*."""
 
     yaw_deg: float
@@ -310,7 +310,7 @@ class FitReport(_Strict):
     """Null where options.fit is "landmarks", or, with the warning "no-light", where too little lit skin is seen."""
     eye_light: Triple | None
     """Radiance of a white diffuse surface in place of the sclera, linear RGB of the photo; null if not measured."""
-    gaze: Gaze | None
+    gaze: GazeEntry | None
     """Null for a head without eyeballs."""
     identity: list[float]
     """Coefficients of the head model in standard deviations."""
@@ -320,7 +320,7 @@ class FitReport(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
-class Material(_Strict):
+class MaterialEntry(_Strict):
     """A surface, from which the materials of all files are written; maps are paths in the archive."""
 
     name: str
@@ -392,7 +392,7 @@ class Hair(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
-class Model(_Strict):
+class ModelEntry(_Strict):
     """One data file of the program that was used."""
 
     name: str
@@ -424,19 +424,19 @@ class Manifest(_Strict):
     """Null for an external mesh, as are camera and fit: there was no photo."""
     given: Given | None
     """Null for a photo."""
-    camera: Camera | None
+    camera: CameraEntry | None
     units: Literal["m"]
     up: Literal["+Y"]
     forward: Literal["+Z"]
-    head: Head
+    head: HeadEntry
     maps: list[Map]
-    files: list[File]
+    files: list[FileEntry]
     """Every file of the archive except this one."""
     parts: list[Part]
-    materials: list[Material]
+    materials: list[MaterialEntry]
     joints: list[Joint]
     displacement: Displacement | None
-    reflectance: Reflectance | None
+    reflectance: ReflectanceEntry | None
     """Null where only texture, confidence and shape normals were requested."""
     fit: FitReport | None
     hair: Hair | None
@@ -447,7 +447,7 @@ class Manifest(_Strict):
     """Seconds per stage; null unless requested, because they differ from run to run."""
     peak_rss_mb: float | None
     """Largest resident memory in MiB; null unless requested."""
-    models: list[Model]
+    models: list[ModelEntry]
     warnings: list[str]
     """Stable codes of every stage."""
     overlay: Overlay | None = None

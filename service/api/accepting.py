@@ -16,7 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from service.api.context import Context
 from service.api.decoding import FIXED, cost
 from service.api.keys import Tenant
-from service.api.problem_responses import ProblemError
+from service.api.problem_responses import HttpProblem
 from service.api.uploads import Upload
 from service.errors import UnreadableInput
 from service.face.several import of_photo
@@ -39,18 +39,18 @@ def bounds_of(context: Context, tenant: Tenant) -> Bounds:
     return Bounds(queued=context.settings.max_queued, unfinished=most, per_day=tenant.per_day)
 
 
-def no_room(full: NoRoom) -> ProblemError:
+def no_room(full: NoRoom) -> HttpProblem:
     """The problem of a job that was not let in."""
     pause = "30" if full.kind == "queue-full" else "3600" if "per_day" in full.facts else "10"
     facts: dict[str, Any] = dict(full.facts)
-    return ProblemError(full.kind, 429, headers={"Retry-After": pause}, **facts)
+    return HttpProblem(full.kind, 429, headers={"Retry-After": pause}, **facts)
 
 
 def erase(context: Context, job: str, tenant: Tenant, kind: str) -> None:
     """Cancel a tenant's job that is unfinished, erase one that has ended; with the pictures made from it.
 
     Raises:
-        ProblemError: there is no such job, or it belongs to somebody else.
+        HttpProblem: there is no such job, or it belongs to somebody else.
     """
     row = context.job(job, tenant, kind, gone=True)
     expires = now() + context.settings.result_hours * 3600
@@ -80,7 +80,7 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
         trace: header ``traceparent``.
 
     Raises:
-        ProblemError, AvatarError: the photo cannot be used, a value is not possible, or the tenant may have no more.
+        HttpProblem, AvatarError: the photo cannot be used, a value is not possible, or the tenant may have no more.
     """
     options = upload.options.to_json()
     if upload.webhook_url:
@@ -144,10 +144,10 @@ def admit(context: Context, tenant: Tenant, key: str | None) -> None:
     """Refuse at the door what could not be done.
 
     Raises:
-        ProblemError: the server is shutting down or full, or the tenant's quota is used up.
+        HttpProblem: the server is shutting down or full, or the tenant's quota is used up.
     """
     if context.draining.is_set():
-        raise ProblemError("draining", 503, headers={"Retry-After": "10"})
+        raise HttpProblem("draining", 503, headers={"Retry-After": "10"})
     context.check_space()
     if key is not None and context.store.by_key(tenant.name, key) is not None:
         return  # it was let in before
@@ -165,11 +165,11 @@ def place(context: Context, tenant: Tenant) -> Iterator[None]:
     for somebody else.
 
     Raises:
-        ProblemError: there are as many as there may be.
+        HttpProblem: there are as many as there may be.
     """
     own, left = context.uploads[tenant.name], context.settings.uploads - context.uploads.total()
     if left < 1 or (context.keys and own >= left):
-        raise ProblemError("busy", 503, headers={"Retry-After": "2"})
+        raise HttpProblem("busy", 503, headers={"Retry-After": "2"})
     context.uploads[tenant.name] += 1
     try:
         yield
@@ -179,9 +179,9 @@ def place(context: Context, tenant: Tenant) -> Iterator[None]:
 
 def _same(row: Row, digest: str) -> Row:
     if row["digest"] != digest:
-        raise ProblemError("key-reuse", 422)
+        raise HttpProblem("key-reuse", 422)
     if row["gone"] is not None:
-        raise ProblemError("gone", 410, reason=row["gone"])
+        raise HttpProblem("gone", 410, reason=row["gone"])
     return row
 
 
@@ -198,11 +198,11 @@ def idempotency_key(request: Request) -> str | None:
     """The header of that name, None without one.
 
     Raises:
-        ProblemError: it is none that can be kept.
+        HttpProblem: it is none that can be kept.
     """
     key = request.headers.get("idempotency-key")
     if key is None:
         return None
     if not 1 <= len(key) <= _MAX_KEY or not key.isascii() or not key.isprintable():
-        raise ProblemError("invalid-parameter", 400, f"Idempotency-Key has to be 1 to {_MAX_KEY} printable characters")
+        raise HttpProblem("invalid-parameter", 400, f"Idempotency-Key has to be 1 to {_MAX_KEY} printable characters")
     return key

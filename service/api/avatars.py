@@ -20,7 +20,7 @@ from service.api.context import JOB_ID, Asking, Context, Here, Json
 from service.api.front import host_name, is_head
 from service.api.keys import ANYBODY, LOOPBACK
 from service.api.openapi import Job, JobPage, State
-from service.api.problem_responses import ProblemError
+from service.api.problem_responses import HttpProblem
 from service.api.uploads import QUERY, received
 from service.jobs.store import Row
 from service.jobs.telemetry import traceparent
@@ -74,7 +74,7 @@ def listing(
 ) -> Response:
     """One page; ``next`` of the answer is the ``cursor`` of the next one."""
     if tenant.name == ANYBODY and not _of_this_machine(request, context.settings.host):
-        raise ProblemError("listing-needs-key", 403)
+        raise HttpProblem("listing-needs-key", 403)
     rows = context.store.page(tenant.name, limit + 1, _place(cursor), state)
     following = _cursor(rows[limit - 1]) if len(rows) > limit else None
     more = f"&state={state}" if state else ""
@@ -125,7 +125,7 @@ def _place(cursor: str | None) -> tuple[float, str] | None:
             raise ValueError
     except (ValueError, TypeError, RecursionError) as error:
         words = "cursor is none of this server's"
-        raise ProblemError("invalid-parameter", 422, words, pointer="/query/cursor") from error
+        raise HttpProblem("invalid-parameter", 422, words, pointer="/query/cursor") from error
     return moment, job
 
 

@@ -22,7 +22,7 @@ from starlette.responses import JSONResponse
 
 from service.api.decoding import DecodingMemory, budget
 from service.api.keys import Keys, Tenant
-from service.api.problem_responses import ProblemError, not_found
+from service.api.problem_responses import HttpProblem, not_found
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import WORKERS, connect, create_tables, seconds_of_database
 from service.jobs.settings import Settings
@@ -156,13 +156,13 @@ class Context:
             gone: also one that has expired or was erased.
 
         Raises:
-            ProblemError: there is none, or it belongs to somebody else, which is the same to the caller; or it is gone.
+            HttpProblem: there is none, or it belongs to somebody else, which is the same to the caller; or it is gone.
         """
         row = self.store.get(job) if JOB_ID.match(job) else None
         if row is None or row["tenant"] != tenant.name or row["kind"] != kind:
             raise not_found()
         if row["gone"] is not None and not gone:
-            raise ProblemError("gone", 410, reason=row["gone"])
+            raise HttpProblem("gone", 410, reason=row["gone"])
         return row
 
     def workers(self) -> list[dict[str, object]]:
@@ -185,10 +185,10 @@ class Context:
         """Refuse uploads that would use up the reserve.
 
         Raises:
-            ProblemError: there is too little space.
+            HttpProblem: there is too little space.
         """
         if self.free_mb() < self.settings.reserve_mb:
-            raise ProblemError("no-space", 507, headers={"Retry-After": "120"})
+            raise HttpProblem("no-space", 507, headers={"Retry-After": "120"})
 
     def close(self) -> None:
         """Let go of the database."""
@@ -205,11 +205,11 @@ async def tenant_of(connection: HTTPConnection) -> Tenant:
     """Who sent a request.
 
     Raises:
-        ProblemError: nobody whom this server knows.
+        HttpProblem: nobody whom this server knows.
     """
     tenant = (await context_of(connection)).keys.tenant(connection.headers)
     if tenant is None:
-        raise ProblemError("unauthorized", 401, headers={"WWW-Authenticate": "Bearer"})
+        raise HttpProblem("unauthorized", 401, headers={"WWW-Authenticate": "Bearer"})
     return tenant
 
 

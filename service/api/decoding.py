@@ -12,7 +12,7 @@ import contextlib
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
-from service.api.problem_responses import ProblemError
+from service.api.problem_responses import HttpProblem
 from service.photo.container import open_container
 from service.photo.limits import Limits
 from service.photo.wire import Codec
@@ -68,11 +68,11 @@ class DecodingMemory:
         """Hold ``cost`` bytes, as soon as they are free.
 
         Raises:
-            ProblemError: there never are so many.
+            HttpProblem: there never are so many.
         """
         if cost > self.total:
             words = f"decoding this photo takes {cost // MIB} MiB of memory, and this server has {self.total // MIB}"
-            raise ProblemError(
+            raise HttpProblem(
                 "needs-memory", 413, f"{words} for it; send one with fewer pixels, or of 8 bits without transparency",
                 needed_mib=cost // MIB, limit_mib=self.total // MIB,
             )  # fmt: skip

@@ -20,7 +20,7 @@ from service.api.context import Asking, Context, Here, Json
 from service.api.front import is_head
 from service.api.keys import Tenant
 from service.api.openapi import FileList
-from service.api.problem_responses import ProblemError, not_found
+from service.api.problem_responses import HttpProblem, not_found
 from service.jobs.store import Row
 
 _ONE = re.compile(r"bytes=\s*(\d{0,18})-(\d{0,18})\s*\Z", re.IGNORECASE)
@@ -35,7 +35,7 @@ def wanted_range(headers: Mapping[str, str], size: int, etag: str) -> tuple[int,
         etag: of the file; a range under another ``If-Range`` is not one any more.
 
     Raises:
-        ProblemError: 416, there is no such range, or there are several of them.
+        HttpProblem: 416, there is no such range, or there are several of them.
     """
     text = headers.get("range")
     if text is None or not text.lower().startswith("bytes=") or headers.get("if-range", etag) != etag:
@@ -60,8 +60,8 @@ def not_modified(headers: Mapping[str, str], etag: str) -> bool:
     )
 
 
-def _unsatisfiable(size: int) -> ProblemError:
-    return ProblemError("range-not-satisfiable", 416, headers={"Content-Range": f"bytes */{size}"})
+def _unsatisfiable(size: int) -> HttpProblem:
+    return HttpProblem("range-not-satisfiable", 416, headers={"Content-Range": f"bytes */{size}"})
 
 
 PIECE = 256 << 10
@@ -104,7 +104,7 @@ def member(context: Context, row: Row, path: str) -> Extent:
     """Where a file lies in a job's archive.
 
     Raises:
-        ProblemError: there is none of this name.
+        HttpProblem: there is none of this name.
     """
     info = next((info for info in members(context, row) if info.filename == path), None)
     if info is None or info.compress_type != zipfile.ZIP_STORED:
@@ -261,15 +261,15 @@ def finished(context: Context, job: str, tenant: Tenant, kind: str = "avatar") -
     """The row of a tenant's job that has a result.
 
     Raises:
-        ProblemError: there is no such job, it has not succeeded, or its result is gone.
+        HttpProblem: there is no such job, it has not succeeded, or its result is gone.
     """
     row = context.job(job, tenant, kind)
     if row["state"] in ("queued", "running"):
-        raise ProblemError("not-ready", 409, headers={"Retry-After": "2"}, state=row["state"])
+        raise HttpProblem("not-ready", 409, headers={"Retry-After": "2"}, state=row["state"])
     if row["state"] != "succeeded":
-        raise ProblemError("no-result", 409, state=row["state"])
+        raise HttpProblem("no-result", 409, state=row["state"])
     if not context.artifacts.exists(row["archive"]):
-        raise ProblemError("gone", 410, reason="lost")
+        raise HttpProblem("gone", 410, reason="lost")
     return row
 
 

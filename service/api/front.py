@@ -14,7 +14,7 @@ from starlette.datastructures import URL
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.info import DURATION, REQUESTS, UPLOAD_BYTES
-from service.api.problem_responses import ProblemError, response
+from service.api.problem_responses import HttpProblem, response
 from service.jobs.settings import Settings
 
 SAFE = ("GET", "HEAD", "OPTIONS", "TRACE")
@@ -57,7 +57,7 @@ async def no_strange_parameters(request: Request) -> None:
     """Refuse parameters of the address that the route does not take: a misspelt one would be passed over in silence.
 
     Raises:
-        ProblemError: there is one.
+        HttpProblem: there is one.
     """
     route = request.scope.get("route")
     dependant = getattr(route, "dependant", None)
@@ -67,7 +67,7 @@ async def no_strange_parameters(request: Request) -> None:
         if name not in known:
             words = f"there is no parameter {name[:40]!r} here"
             words += f"; there are {', '.join(sorted(known))}" if known else ", nor any other"
-            raise ProblemError("invalid-parameter", 422, words, pointer=f"/query/{name[:40]}")
+            raise HttpProblem("invalid-parameter", 422, words, pointer=f"/query/{name[:40]}")
 
 
 def is_head(request: Request) -> bool:
@@ -187,7 +187,7 @@ class Front:
             await self._app(scope, receive, send)
             return
         scope = in_origin_form(scope)
-        headers = Head(scope)
+        headers = RequestHead(scope)
         given = headers.first(b"x-request-id")
         exchange = _Exchange(scope, receive, send, given if _ID.match(given) else secrets.token_hex(8))
         try:
@@ -199,25 +199,25 @@ class Front:
         finally:
             exchange.log()
 
-    def _refusal(self, head: Head) -> ProblemError | None:
+    def _refusal(self, head: RequestHead) -> HttpProblem | None:
         if head.count(b"host") > 1 or not self._hosts.allow(head.first(b"host"), head.path()):
-            return ProblemError("bad-host", 400)
+            return HttpProblem("bad-host", 400)
         if is_foreign(head.method(), head.first(b"sec-fetch-site"), head.first(b"origin"), head.first(b"host")):
-            return ProblemError("cross-origin", 403, headers={"Connection": "close"})
+            return HttpProblem("cross-origin", 403, headers={"Connection": "close"})
         if head.count(b"content-length") and head.count(b"transfer-encoding"):
             detail = "Content-Length and Transfer-Encoding exclude each other"
-            return ProblemError("bad-request", 400, detail, {"Connection": "close"})
+            return HttpProblem("bad-request", 400, detail, {"Connection": "close"})
         if head.first(b"content-encoding").strip().lower() not in ("", "identity"):
             words = "a body is taken as it is, without Content-Encoding"
             headers = {"Accept-Encoding": "identity", "Connection": "close"}
-            return ProblemError("unsupported-media-type", 415, words, headers)
+            return HttpProblem("unsupported-media-type", 415, words, headers)
         if head.size() > MAX_HEAD:
             detail = f"address and headers may have {MAX_HEAD} bytes"
-            return ProblemError("bad-request", 431, detail, {"Connection": "close"})
+            return HttpProblem("bad-request", 431, detail, {"Connection": "close"})
         return None
 
 
-class Head:
+class RequestHead:
     """Address and headers of a request as they came; names are in lower case already."""
 
     def __init__(self, scope: Scope) -> None:

@@ -16,7 +16,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from service.api.context import Context, Here
 from service.api.openapi import Health, ModelList, QualityList, Readiness
-from service.api.problem_responses import EXPLANATIONS, ProblemError, not_found, response
+from service.api.problem_responses import EXPLANATIONS, HttpProblem, not_found, response
 from service.jobs import telemetry
 from service.jobs.database import JOBS, now
 from service.jobs.store import Row
@@ -150,7 +150,7 @@ def metrics(context: Here) -> Response:
     try:
         return Response(exposition(context), media_type="text/plain; version=0.0.4; charset=utf-8")
     except sa.exc.SQLAlchemyError as error:
-        raise ProblemError("starting", 503, "the database does not answer") from error
+        raise HttpProblem("starting", 503, "the database does not answer") from error
 
 
 STUCK_S = 300.0

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any
 
-from service.api.problem_responses import ProblemError
+from service.api.problem_responses import HttpProblem
 from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size
 
 MAX_BYTES = 16 << 10
@@ -32,7 +32,7 @@ def parse_options(text: bytes) -> Options:
     """JSON object -> options; names and values are those of the command line.
 
     Raises:
-        ProblemError: it is no JSON object, or has a name that is not an option.
+        HttpProblem: it is no JSON object, or has a name that is not an option.
         UsageError: a value is of the wrong kind or out of range.
     """
     return checked_options(parse_object(text) if text.strip() else {})
@@ -42,11 +42,11 @@ def parse_metadata(text: bytes) -> dict[str, Any]:
     """The part ``metadata``: a JSON object of the owner's own, given back with the job and never looked into.
 
     Raises:
-        ProblemError: it is no such object, or larger than ``MAX_METADATA``.
+        HttpProblem: it is no such object, or larger than ``MAX_METADATA``.
     """
     if len(text) > MAX_METADATA:
         words = f"metadata has {len(text)} bytes; at most {MAX_METADATA} are kept"
-        raise ProblemError("usage", 422, words, pointer="/metadata")
+        raise HttpProblem("usage", 422, words, pointer="/metadata")
     return parse_object(text, "malformed-metadata") if text.strip() else {}
 
 
@@ -59,13 +59,13 @@ def checked_options(values: Mapping[str, Any]) -> Options:
     """JSON values -> options.
 
     Raises:
-        ProblemError: there is no such option.
+        HttpProblem: there is no such option.
         UsageError: a value is of the wrong kind or out of range; in the words of the command line.
     """
     for name in values:
         if name not in NAMES:
             detail = f"there is no option {name[:40]!r}; there are {', '.join(sorted(NAMES))}"
-            raise ProblemError("unknown-field", 422, detail, pointer=f"/{_escaped(name)}")
+            raise HttpProblem("unknown-field", 422, detail, pointer=f"/{_escaped(name)}")
     words = {name: _WORDS[name](value) for name, value in values.items() if name in _WORDS and isinstance(value, str)}
     return Options(**{**values, **words})
 
@@ -88,22 +88,22 @@ def parse_object(text: bytes, code: str = "malformed-options") -> dict[str, Any]
         code: of the problem, "malformed-" and what the object is.
 
     Raises:
-        ProblemError: it is none; says what is wrong, and where.
+        HttpProblem: it is none; says what is wrong, and where.
     """
     what = code.removeprefix("malformed-")
     try:
         values = json.loads(text.decode("utf-8"))
     except json.JSONDecodeError as error:
-        raise ProblemError(code, 422, f"{what} is no JSON: {error}", pointer="") from error
+        raise HttpProblem(code, 422, f"{what} is no JSON: {error}", pointer="") from error
     except (ValueError, RecursionError) as error:
         words = "is not UTF-8, is nested too deeply, or has a number of too many digits"
-        raise ProblemError(code, 422, f"{what} {words}", pointer="") from error
+        raise HttpProblem(code, 422, f"{what} {words}", pointer="") from error
     if not isinstance(values, dict):
-        raise ProblemError(code, 422, f"{what} has to be a JSON object", pointer="")
+        raise HttpProblem(code, 422, f"{what} has to be a JSON object", pointer="")
     fault = _fault(values, 0)
     if fault is not None:
         where, words = fault
-        raise ProblemError(code, 422, f"{what}{where} {words}", pointer=where)
+        raise HttpProblem(code, 422, f"{what}{where} {words}", pointer=where)
     return values
 
 

@@ -69,7 +69,7 @@ EXPLANATIONS = {
 _STATUS_CODES = {404: "not-found", 405: "method-not-allowed", 400: "bad-request"}
 
 
-class ProblemError(Exception):
+class HttpProblem(Exception):
     """Ends a request with a problem.
 
     Args:
@@ -96,14 +96,14 @@ def response(body: Mapping[str, Any], headers: Mapping[str, str] | None = None, 
     return Response(json.dumps(content), status, {**(headers or {}), "Cache-Control": "no-store"}, MEDIA_TYPE)
 
 
-def not_found() -> ProblemError:
+def not_found() -> HttpProblem:
     """The one answer for what is not there and for what belongs to somebody else."""
-    return ProblemError("not-found", 404)
+    return HttpProblem("not-found", 404)
 
 
 def install(app: FastAPI) -> None:
     """Let every exception of ``app`` leave as a problem."""
-    app.add_exception_handler(ProblemError, _problem)
+    app.add_exception_handler(HttpProblem, _problem)
     app.add_exception_handler(AvatarError, _fault)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _validation)
@@ -122,7 +122,7 @@ def allowed_methods(scope: Scope) -> list[str]:
 
 
 def _problem(request: Request, error: Exception) -> Response:
-    assert isinstance(error, ProblemError)  # noqa: S101 - what it was registered for
+    assert isinstance(error, HttpProblem)  # noqa: S101 - what it was registered for
     return response(error.body, error.headers, request.url.path)
 
 

@@ -28,7 +28,7 @@ from service.api.downloads import Extent, answer_with, download, finished, media
 from service.api.keys import Tenant
 from service.api.openapi import ExportJob, RenderJob
 from service.api.parameters import parse_object
-from service.api.problem_responses import ProblemError
+from service.api.problem_responses import HttpProblem
 from service.errors import TooManyBytes, UsageError
 from service.jobs.admission import KeyInUse, NewJob, NoRoom
 from service.jobs.kinds import EXPORT, KINDS, RENDER, Kind
@@ -47,13 +47,13 @@ async def asked(request: Request, context: Context, kind: Kind) -> tuple[str, di
     """The request for something: the id of the avatar, and what is wanted of it.
 
     Raises:
-        ProblemError: it is no JSON object with the id of an avatar, or does not arrive in time.
+        HttpProblem: it is no JSON object with the id of an avatar, or does not arrive in time.
         TooManyBytes: it is too long.
     """
     values = parse_object(await _body(request, context, kind), f"malformed-{kind.name}")
     avatar = values.pop("avatar", None)
     if not isinstance(avatar, str):
-        raise ProblemError("usage", 422, "avatar has to be the id of a finished avatar", pointer="/avatar")
+        raise HttpProblem("usage", 422, "avatar has to be the id of a finished avatar", pointer="/avatar")
     return avatar, values
 
 
@@ -72,10 +72,10 @@ async def made(
         seconds: how long to wait for it.
 
     Raises:
-        ProblemError: there is no such result, the tenant may have no more, or it failed.
+        HttpProblem: there is no such result, the tenant may have no more, or it failed.
     """
     if context.draining.is_set():
-        raise ProblemError("draining", 503, headers={"Retry-After": "10"})
+        raise HttpProblem("draining", 503, headers={"Retry-After": "10"})
     source = await run_in_threadpool(finished, context, avatar, tenant)
     row = await run_in_threadpool(_job, context, tenant, kind, source, values)
     if "respond-async" not in request.headers.get("prefer", "").lower():
@@ -86,7 +86,7 @@ async def made(
     if row["state"] == "failed":
         raise _failure(row)
     if row["state"] == "cancelled":
-        raise ProblemError("no-result", 409, state="cancelled")
+        raise HttpProblem("no-result", 409, state="cancelled")
     return row
 
 
@@ -108,7 +108,7 @@ def _job(context: Context, tenant: Tenant, kind: Kind, source: Row, values: dict
     """The job of this: the one that there is, or a new one.
 
     Raises:
-        ProblemError: there is none, and the tenant may have no more.
+        HttpProblem: there is none, and the tenant may have no more.
     """
     wanted = json.dumps([source["archive_sha256"], GENERATOR, values], sort_keys=True)
     digest = hashlib.sha256(wanted.encode()).hexdigest()
@@ -140,18 +140,18 @@ async def _ended(request: Request, context: Context, row: Row, seconds: float) -
     return row
 
 
-def _failure(row: Row) -> ProblemError:
+def _failure(row: Row) -> HttpProblem:
     facts = json.loads(row["error"])
     code, status, detail = str(facts.pop("code")), int(facts.pop("status")), str(facts.pop("detail"))
     facts = {name: value for name, value in facts.items() if name not in ("type", "title")}
-    return ProblemError(code, status, detail, **facts)
+    return HttpProblem(code, status, detail, **facts)
 
 
 async def _body(request: Request, context: Context, kind: Kind) -> bytes:
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if media_type != "application/json":
         words = f"a {kind.name} is asked for with application/json"
-        raise ProblemError("unsupported-media-type", 415, words)
+        raise HttpProblem("unsupported-media-type", 415, words)
     data = bytearray()
     try:
         async with asyncio.timeout(context.settings.idle_seconds):
@@ -160,9 +160,9 @@ async def _body(request: Request, context: Context, kind: Kind) -> bytes:
                 if len(data) > MAX_BODY:
                     raise TooManyBytes(f"the request has more than {MAX_BODY} bytes", limit=MAX_BODY)
     except TimeoutError:
-        raise ProblemError("request-timeout", 408, headers={"Connection": "close"}) from None
+        raise HttpProblem("request-timeout", 408, headers={"Connection": "close"}) from None
     except ClientDisconnect:
-        raise ProblemError("bad-request", 400, "the connection closed before the body was complete") from None
+        raise HttpProblem("bad-request", 400, "the connection closed before the body was complete") from None
     return bytes(data)
 
 

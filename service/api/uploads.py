@@ -22,7 +22,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 
 from service.api.parameters import MAX_BYTES, NAMES, parse_metadata, parse_options, query_options
-from service.api.problem_responses import ProblemError
+from service.api.problem_responses import HttpProblem
 from service.errors import AvatarError, TooManyBytes
 from service.jobs.admission import PRIORITIES
 from service.jobs.settings import Settings
@@ -82,7 +82,7 @@ class Upload:
         """Take a part other than the photo.
 
         Raises:
-            ProblemError, UsageError: its value is not possible.
+            HttpProblem, UsageError: its value is not possible.
         """
         if name == "options":
             self.options = parse_options(value)
@@ -111,7 +111,7 @@ def _one_of(name: str, value: bytes, allowed: tuple[str, ...]) -> str:
     text = value.decode("utf-8", "replace").strip().lower()
     if text not in allowed:
         *most, last = (f"'{word}'" for word in allowed)
-        raise ProblemError("usage", 422, f"{name} has to be {', '.join(most)} or {last}", pointer=f"/{name}")
+        raise HttpProblem("usage", 422, f"{name} has to be {', '.join(most)} or {last}", pointer=f"/{name}")
     return text
 
 
@@ -135,10 +135,10 @@ class UploadBody:
         """Check that the body is whole.
 
         Raises:
-            ProblemError: it is not.
+            HttpProblem: it is not.
         """
         if not self.upload.size:
-            raise ProblemError("missing-file", 400)
+            raise HttpProblem("missing-file", 400)
         self.upload.sha256 = self._hash.hexdigest()
 
     def _photo(self, data: bytes) -> None:
@@ -166,7 +166,7 @@ class Multipart(UploadBody):
         kind: header Content-Type, with the boundary.
 
     Raises:
-        ProblemError: there is no usable boundary; so do :meth:`write` and :meth:`finish` for what breaks the form.
+        HttpProblem: there is no usable boundary; so do :meth:`write` and :meth:`finish` for what breaks the form.
         TooManyBytes: the photo is larger than it may be.
     """
 
@@ -174,7 +174,7 @@ class Multipart(UploadBody):
         super().__init__(upload, stream)
         boundary = parse_options_header(kind)[1].get(b"boundary")
         if not boundary or len(boundary) > 70:
-            raise ProblemError("malformed-multipart", 400, "the Content-Type has no usable boundary")
+            raise HttpProblem("malformed-multipart", 400, "the Content-Type has no usable boundary")
         self._key, self._content, self._disposition = bytearray(), bytearray(), b""
         callbacks: Any = {
             "on_part_begin": self._begin,
@@ -190,7 +190,7 @@ class Multipart(UploadBody):
         self._names: list[str] = []
         self._name, self._text, self._empty, self._closed = "", bytearray(), True, False
         self._is_file, self._files, self._strange, self._dropped = False, 0, 0, 0
-        self._fault: ProblemError | AvatarError | None = None
+        self._fault: HttpProblem | AvatarError | None = None
 
     def write(self, data: bytes) -> None:
         """As :meth:`UploadBody.write`."""
@@ -198,31 +198,31 @@ class Multipart(UploadBody):
         try:
             self._parser.write(data)
         except MultipartParseError as error:
-            raise ProblemError("malformed-multipart", 400) from error
+            raise HttpProblem("malformed-multipart", 400) from error
 
     def finish(self) -> None:
         """As :meth:`UploadBody.finish`."""
         if self._empty:
-            raise ProblemError("missing-file", 400)
+            raise HttpProblem("missing-file", 400)
         if not self._closed:
-            raise ProblemError("malformed-multipart", 400, "the body ends before its closing boundary")
+            raise HttpProblem("malformed-multipart", 400, "the body ends before its closing boundary")
         if self._fault is not None:
             raise self._fault
         if not set(FILES) & set(self._names):
-            raise ProblemError("missing-file", 400)
+            raise HttpProblem("missing-file", 400)
         self._write(index_of(self.upload.sizes))
         self.upload.sha256 = self._hash.hexdigest()
 
     def _begin(self) -> None:
         if len(self._names) - max(self._names.count("image") - 1, 0) >= MAX_PARTS:
-            raise ProblemError("too-many-parts", 400)
+            raise HttpProblem("too-many-parts", 400)
         self._disposition = b""
         self._text.clear()
 
     def _grow(self, buffer: bytearray, data: bytes) -> None:
         buffer += data
         if len(buffer) > _MAX_HEADER:
-            raise ProblemError("part-too-large", 400, f"a header of a part has more than {_MAX_HEADER} bytes")
+            raise HttpProblem("part-too-large", 400, f"a header of a part has more than {_MAX_HEADER} bytes")
 
     def _header_end(self) -> None:
         if bytes(self._key).lower() == b"content-disposition":
@@ -234,26 +234,26 @@ class Multipart(UploadBody):
         # The name of the file is never looked at, only whether there is one: names are made by this server.
         words = parse_options_header(self._disposition)[1]
         if not words.get(b"name"):
-            raise ProblemError("malformed-multipart", 400, "a part has no name in its Content-Disposition")
+            raise HttpProblem("malformed-multipart", 400, "a part has no name in its Content-Disposition")
         self._name = name = words[b"name"].decode("utf-8", "replace")
         known = name in FILES or name in PARTS
         self._is_file = name in FILES or (not known and b"filename" in words)
         self._strange += self._is_file and not known
         self._files += self._is_file
         if self._files > MOST or (self._strange and self._files > 1):
-            raise ProblemError("too-many-files", 400)
+            raise HttpProblem("too-many-files", 400)
         if known and name in self._names and name != "image":
-            raise ProblemError("too-many-parts", 400)
+            raise HttpProblem("too-many-parts", 400)
         if name in FILES:
             if name == "video":
                 self.upload.video = len(self.upload.sizes)
             self.upload.sizes.append(0)
             self.most = self.upload.max_bytes * (MOST_TOGETHER if name == "video" else 1)
         if not known:
-            self._later(ProblemError("unknown-field", 422, f"there is no part {name[:40]!r}", pointer=f"/{name[:40]}"))
+            self._later(HttpProblem("unknown-field", 422, f"there is no part {name[:40]!r}", pointer=f"/{name[:40]}"))
         self._names.append(name)
 
-    def _later(self, fault: ProblemError | AvatarError) -> None:
+    def _later(self, fault: HttpProblem | AvatarError) -> None:
         """Keep the first fault of a value for the end: one of the form, which the rest may show, comes before it."""
         self._fault = self._fault or fault
 
@@ -267,13 +267,13 @@ class Multipart(UploadBody):
         else:
             self._text += data[start:end]
             if len(self._text) > MAX_BYTES:
-                raise ProblemError("part-too-large", 400)
+                raise HttpProblem("part-too-large", 400)
 
     def _end(self) -> None:
         if self._name in PARTS:
             try:
                 self.upload.set(self._name, bytes(self._text))
-            except (ProblemError, AvatarError) as fault:
+            except (HttpProblem, AvatarError) as fault:
                 self._later(fault)
 
     def _close(self) -> None:
@@ -290,7 +290,7 @@ async def received(request: Request, settings: Settings, max_bytes: int) -> Asyn
         max_bytes: of the photo.
 
     Raises:
-        ProblemError: the request is not of that form or does not arrive in time.
+        HttpProblem: the request is not of that form or does not arrive in time.
         UsageError: a value beside the photo is not possible.
         TooManyBytes: the photo is larger.
     """
@@ -304,7 +304,7 @@ async def received(request: Request, settings: Settings, max_bytes: int) -> Asyn
         raise upload.too_large_together() if form else upload.too_large()
     _take_parameters(request, upload, form=form)
     if not form and kind not in IMAGE_TYPES:
-        raise ProblemError("unsupported-media-type", 415, headers={"Accept": ", ".join(IMAGE_TYPES)})
+        raise HttpProblem("unsupported-media-type", 415, headers={"Accept": ", ".join(IMAGE_TYPES)})
     settings.incoming.mkdir(parents=True, exist_ok=True, mode=0o700)
     try:
         with upload.path.open("xb") as stream:
@@ -320,7 +320,7 @@ def _take_parameters(request: Request, upload: Upload, *, form: bool) -> None:
     for name, text in request.query_params.items():
         if form:
             words = f"a form has {name} as a part, an option in the part 'options'; not in its address"
-            raise ProblemError("invalid-parameter", 422, words, pointer=f"/query/{name}")
+            raise HttpProblem("invalid-parameter", 422, words, pointer=f"/query/{name}")
         if name in PARTS:
             upload.set(name, text.encode())
         else:
@@ -343,8 +343,8 @@ async def _pump(request: Request, body: UploadBody, settings: Settings) -> None:
                     await run_in_threadpool(body.write, bytes(batch))
                     batch.clear()
     except TimeoutError:
-        raise ProblemError("request-timeout", 408, headers={"Connection": "close"}) from None
+        raise HttpProblem("request-timeout", 408, headers={"Connection": "close"}) from None
     except ClientDisconnect:
-        raise ProblemError("malformed-multipart", 400, "the connection closed before the body was complete") from None
+        raise HttpProblem("malformed-multipart", 400, "the connection closed before the body was complete") from None
     await run_in_threadpool(body.write, bytes(batch))
     await run_in_threadpool(body.finish)

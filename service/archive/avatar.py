@@ -19,7 +19,7 @@ from service.hair.bank import FILE as BANK_FILE
 from service.hair.worn_hair import WornHair
 from service.head.files import DEFAULT_HEAD
 from service.head.model import HeadModel
-from service.manifest import Given, IdentitySimilarity, LeftOut, Model
+from service.manifest import Given, IdentitySimilarity, LeftOut, ModelEntry
 from service.materials.part import MeshPart, check_parts, head_parts
 from service.photo.photo import Photo
 from service.reflectance.albedo.albedo_prior import FILE as PRIOR_FILE
@@ -87,7 +87,7 @@ class Avatar:
     texture: Texture
     options: Mapping[str, Any]
     seed: int
-    models: tuple[Model, ...]
+    models: tuple[ModelEntry, ...]
     sources: tuple[Source, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     parts: tuple[MeshPart, ...] = ()
@@ -175,7 +175,7 @@ def licences_text(avatar: Avatar) -> str:
 
 def model_cards(
     head: HeadModel, head_file: Path | None = None, networks: tuple[str, ...] = (), *, photo: bool = True
-) -> tuple[Model, ...]:
+) -> tuple[ModelEntry, ...]:
     """Cards of the head model and of the networks that ran.
 
     Args:
@@ -189,17 +189,20 @@ def model_cards(
     """
     table = model_table()
     digest = sha256((head_file or DEFAULT_HEAD).read_bytes()).hexdigest()
-    cards = [Model(head.name, digest, head.licence, "head model")]
+    cards = [ModelEntry(head.name, digest, head.licence, "head model")]
     if photo:
         cards += [
-            Model("makehuman-wearables", sha256(ITEMS_FILE.read_bytes()).hexdigest(), "CC0-1.0", "lashes, brows, bust"),
-            Model("hair-styles", sha256(BANK_FILE.read_bytes()).hexdigest(), "Apache-2.0", "styles of hair"),
+            ModelEntry(name, sha256(file.read_bytes()).hexdigest(), licence, role)
+            for name, file, licence, role in (
+                ("makehuman-wearables", ITEMS_FILE, "CC0-1.0", "lashes, brows, bust"),
+                ("hair-styles", BANK_FILE, "Apache-2.0", "styles of hair"),
+            )
         ]
     ran = {*networks, *(networks_of("detect", "read", "compare") if photo else ())}
     for one in REGISTRY:
         if one.name in ran and one.name in table:
-            cards.append(Model(one.name, table[one.name]["sha256"], table[one.name]["licence"], one.role))
+            cards.append(ModelEntry(one.name, table[one.name]["sha256"], table[one.name]["licence"], one.role))
     if LIGHT_NETWORK in networks:
         digest = sha256(PRIOR_FILE.read_bytes()).hexdigest()
-        cards.append(Model("albedo-prior", digest, "Apache-2.0", "AvatarMe's texture prior: unseen albedo"))
+        cards.append(ModelEntry("albedo-prior", digest, "Apache-2.0", "AvatarMe's texture prior: unseen albedo"))
     return tuple(cards)

@@ -72,7 +72,7 @@ def describe(
         up="+Y",
         forward="+Z",
         head=_taken(
-            m.Head, head, vertices=len(head.mean), polygons=len(head.polygons), parts=list(head.part_names),
+            m.HeadEntry, head, vertices=len(head.mean), polygons=len(head.polygons), parts=list(head.part_names),
             blendshapes=list(head.expression_names), uv_origin="bottom-left",
         ),
         maps=[_map(one, avatar, files[one.path]) for one in MAPS if one.path in files],
@@ -116,8 +116,8 @@ def _overlay(avatar: Avatar) -> m.Overlay:
     return m.Overlay(list(crop_box(avatar)), list(panel_box(avatar)))
 
 
-def _camera(fit: Fit) -> m.Camera:
-    return _taken(m.Camera, fit.camera, yaw_pitch_roll_deg=list(fit.camera.yaw_pitch_roll_deg()))
+def _camera(fit: Fit) -> m.CameraEntry:
+    return _taken(m.CameraEntry, fit.camera, yaw_pitch_roll_deg=list(fit.camera.yaw_pitch_roll_deg()))
 
 
 def _used(avatar: Avatar, source: Source) -> m.UsedPhoto:
@@ -153,11 +153,11 @@ def _map(entry: RegisteredMap, avatar: Avatar, data: bytes) -> m.Map:
     )
 
 
-def _material(material: Material, where: MapFiles) -> m.Material:
+def _material(material: Material, where: MapFiles) -> m.MaterialEntry:
     slots = [one.removesuffix("_map") for one in Material.__dataclass_fields__ if one.endswith("_map")]
     paths = {slot: where.path(getattr(material, f"{slot}_map")) for slot in slots}
     maps = {slot: path.removeprefix("../") for slot, path in paths.items() if path is not None}
-    return _taken(m.Material, material, maps=maps)
+    return _taken(m.MaterialEntry, material, maps=maps)
 
 
 def _joints(avatar: Avatar) -> list[m.Joint]:
@@ -168,12 +168,12 @@ def _joints(avatar: Avatar) -> list[m.Joint]:
     ]
 
 
-def _reflectance(avatar: Avatar) -> m.Reflectance | None:
+def _reflectance(avatar: Avatar) -> m.ReflectanceEntry | None:
     made = avatar.reflectance
     if made is None:
         return None
     return _taken(
-        m.Reflectance,
+        m.ReflectanceEntry,
         made,
         quality=avatar.options.get("quality", "standard"),
         width=made.size[0],
@@ -182,10 +182,10 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
     )
 
 
-def _file(name: str, data: bytes) -> m.File:
+def _file(name: str, data: bytes) -> m.FileEntry:
     stem = name.rpartition("/")[2].partition(".")[0]
     role = MEMBERS.get(name) or (f"texture {stem}" if name.startswith("maps/parts/") else stem)
-    return m.File(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
+    return m.FileEntry(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
 
 
 def _hair(hair: WornHair) -> m.Hair:
@@ -223,6 +223,6 @@ def _fit(avatar: Avatar) -> m.FitReport:
     )
 
 
-def _gaze(gaze: Gaze) -> m.Gaze:
+def _gaze(gaze: Gaze) -> m.GazeEntry:
     pupil = None if gaze.pupil_m is None else round(2e3 * gaze.pupil_m, 2)
-    return _taken(m.Gaze, gaze, irises_seen=len(gaze.irises), pupil_mm=pupil)
+    return _taken(m.GazeEntry, gaze, irises_seen=len(gaze.irises), pupil_mm=pupil)

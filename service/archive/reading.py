@@ -77,7 +77,7 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
     return AvatarFile(archive.manifest, mesh, maps, parts, gone)
 
 
-def described_parts(manifest: dict[str, Any]) -> tuple[list[m.Part], dict[str, m.Material]]:
+def described_parts(manifest: dict[str, Any]) -> tuple[list[m.Part], dict[str, m.MaterialEntry]]:
     """All parts of the files, and materials by name; none in the manifests of older versions.
 
     Keys that other versions of the schema have are left out, and so are the parts of clear glass that older archives
@@ -96,14 +96,16 @@ def described_parts(manifest: dict[str, Any]) -> tuple[list[m.Part], dict[str, m
         clear = {one["name"] for one in given if one.get("transmission", 0) > 0}
         seen = [one for one in manifest.get("parts", []) if one.get("material") not in clear]
         parts = TypeAdapter(list[m.Part]).validate_python(known(m.Part, seen))
-        materials = TypeAdapter(list[m.Material]).validate_python(known(m.Material, given))
+        materials = TypeAdapter(list[m.MaterialEntry]).validate_python(known(m.MaterialEntry, given))
     except (ValidationError, AttributeError, KeyError, TypeError) as error:
         why = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
         raise BadArchive(f"the manifest's parts or materials cannot be used: {why}") from error
     return parts, {one.name: one for one in materials}
 
 
-def stored_material(archive: ArchiveFile, given: m.Material, known: dict[str, Map], slots: Collection[str]) -> Material:
+def stored_material(
+    archive: ArchiveFile, given: m.MaterialEntry, known: dict[str, Map], slots: Collection[str]
+) -> Material:
     """A material of an archive, with the maps of some slots.
 
     Args:
@@ -124,7 +126,7 @@ def stored_material(archive: ArchiveFile, given: m.Material, known: dict[str, Ma
             known[path] = OwnMap(stem, unpack_texture(archive.read(path, MAX_TEXTURE), stem))
         if own or slots != DRAWN:
             maps[f"{slot}_map"] = known[path] if own else ChartMap(stem)
-    values = {field.name: getattr(given, field.name) for field in fields(m.Material) if field.name != "maps"}
+    values = {field.name: getattr(given, field.name) for field in fields(m.MaterialEntry) if field.name != "maps"}
     triples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
     try:
         return Material(**values | triples | maps)
@@ -133,7 +135,7 @@ def stored_material(archive: ArchiveFile, given: m.Material, known: dict[str, Ma
 
 
 def _part(
-    archive: ArchiveFile, whole: ObjMesh, part: m.Part, materials: dict[str, m.Material], known: dict[str, Map]
+    archive: ArchiveFile, whole: ObjMesh, part: m.Part, materials: dict[str, m.MaterialEntry], known: dict[str, Map]
 ) -> MeshPart:
     if part.material not in materials:
         raise BadArchive(f"the manifest names no material {part.material[:40]!r}, which a part has")

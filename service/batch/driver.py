@@ -119,7 +119,7 @@ def run(wanted: Wanted, display: Display) -> Tally:
         if not wanted.resume and wanted.shard is None:
             plan.refuse()
         plan.ask(wanted.options)
-        engine = Engine(wanted, work)
+        engine = BatchEngine(wanted, work)
         try:
             return _rounds(wanted, plan, engine, photos, display)
         finally:
@@ -128,7 +128,7 @@ def run(wanted: Wanted, display: Display) -> Tally:
                 plan.merge(work)
 
 
-def _rounds(wanted: Wanted, plan: Plan, engine: Engine, photos: int, display: Display) -> Tally:
+def _rounds(wanted: Wanted, plan: Plan, engine: BatchEngine, photos: int, display: Display) -> Tally:
     """One round, or one after the other where the place of the photos is watched."""
     skipped: int | None = None
     while True:
@@ -150,7 +150,7 @@ def _settled(wanted: Wanted) -> float | None:
     return time.time() - SETTLED_S if wanted.watch else None
 
 
-class Engine:
+class BatchEngine:
     """Has rounds of shards computed: here, on a queue in a database of its own, or by workers elsewhere.
 
     Args:

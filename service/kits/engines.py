@@ -23,7 +23,7 @@ IN_GLB = 2048
 """Largest sides of textures as files, and in the GLBs."""
 
 
-class Channel(NamedTuple):
+class Swizzle(NamedTuple):
     """One channel of a texture.
 
     Attributes:
@@ -73,7 +73,7 @@ class KitCharts:
         length = np.sqrt(np.maximum(np.einsum("hwc,hwc->hw", vectors, vectors), 1e-6))[..., None]
         return np.asarray(np.rint(127.5 * (1 + vectors / length)).clip(0, 255), np.uint8)
 
-    def packed(self, channels: Sequence[Channel]) -> UInt8:
+    def packed(self, channels: Sequence[Swizzle]) -> UInt8:
         """(n, n, C) or, of one channel, (n, n): channels of several maps in one picture."""
         side = next((self.codes(one.role).shape[0] for one in channels if self.has(one.role)), 1)
         planes = []
@@ -126,7 +126,7 @@ class Packed:
     srgb: bool = False
 
 
-def _of(name: str, use: str, *channels: Channel) -> Packed:
+def _of(name: str, use: str, *channels: Swizzle) -> Packed:
     roles = tuple(one.role for one in channels if one.role)
     return Packed(f"head_{name}", roles, lambda charts: charts.packed(channels), use)
 
@@ -143,15 +143,15 @@ def _half(codes: UInt8) -> UInt8:
 _COLOUR = Packed(
     "head_basecolor", ("diffuse_albedo", "texture"), lambda charts: charts.codes(charts.colour), "base colour", True
 )
-_THICKNESS = _of("thickness", "thickness of the flesh, 1 = 25.5 mm or more", Channel("thickness"))
-_CAVITY, _ROUGHNESS, _SPECULAR = Channel("cavity"), Channel("roughness", 140), Channel("specular_albedo")
+_THICKNESS = _of("thickness", "thickness of the flesh, 1 = 25.5 mm or more", Swizzle("thickness"))
+_CAVITY, _ROUGHNESS, _SPECULAR = Swizzle("cavity"), Swizzle("roughness", 140), Swizzle("specular_albedo")
 
 PACKING: dict[str, tuple[Packed, ...]] = {
     "unreal": (
         _COLOUR,
-        _normal("Normal, compression Normalmap; green points down, so Flip Green Channel stays off", up=False),
-        _of("orm", "Masks: R ambient occlusion, G roughness, B metallic", _CAVITY, _ROUGHNESS, Channel("", 0)),
-        _of("specular", "Specular: 0.5 is F0 = 0.04", *[Channel("specular_albedo", change=_half)] * 3),
+        _normal("Normal, compression Normalmap; green points down, so Flip Green Swizzle stays off", up=False),
+        _of("orm", "Masks: R ambient occlusion, G roughness, B metallic", _CAVITY, _ROUGHNESS, Swizzle("", 0)),
+        _of("specular", "Specular: 0.5 is F0 = 0.04", *[Swizzle("specular_albedo", change=_half)] * 3),
         _THICKNESS,
     ),
     "unity": (
@@ -159,7 +159,7 @@ PACKING: dict[str, tuple[Packed, ...]] = {
         _normal("Normal map; green points up", up=True),
         _of(
             "mask", "HDRP mask map: R metallic, G ambient occlusion, B detail mask, A smoothness",
-            Channel("", 0), _CAVITY, Channel(""), Channel("roughness", change=lambda codes: np.invert(codes)),
+            Swizzle("", 0), _CAVITY, Swizzle(""), Swizzle("roughness", change=lambda codes: np.invert(codes)),
         ),
         _of("specular", "share of F0 = 0.04", *[_SPECULAR] * 3),
         _THICKNESS,

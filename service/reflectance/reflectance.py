@@ -58,7 +58,7 @@ from service.texture.photo_detail import OwnDetail
 T = TypeVar("T")
 Given = TypeVarTuple("Given")
 
-Unlit = tuple[Codes, Codes | None, tuple[manifest.Correction, ...], manifest.Detail | None, UInt8 | None]
+Unlit = tuple[Codes, Codes | None, tuple[manifest.CorrectionEntry, ...], manifest.Detail | None, UInt8 | None]
 """Albedo, shaded grey, corrections that ran, what of the detail is the photo's, and how far the albedo may be off."""
 
 Progress = Callable[[str, float], None]

@@ -83,7 +83,7 @@ class Reflectance:
     engines: Mapping[str, str] = field(default_factory=dict)
     integration: manifest.Integration | None = None
     wrinkles: tuple[Wrinkle, ...] = ()
-    corrections: tuple[manifest.Correction, ...] = ()
+    corrections: tuple[manifest.CorrectionEntry, ...] = ()
     detail: manifest.Detail | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
 

@@ -109,7 +109,7 @@ def paint_parts(
     seen = opacity(unwrapped.weight)
     light = LightOnParts.of(fit.sclera, skin, unwrapped.colour[face])
     iris = IRIS if fit.iris is None else likely_iris(np.asarray(srgb_to_linear(fit.iris) / light.white, np.float32))
-    work = _Work(chart, light, colour.copy(), code.copy(), np.zeros_like(colour), np.zeros(len(colour), np.float32))
+    work = _Painted(chart, light, colour.copy(), code.copy(), np.zeros_like(colour), np.zeros(len(colour), np.float32))
 
     socket = np.clip(zones.hidden - zones.mouth, 0, 1) * zones.skin
     # Factor on sRGB values by which the lids shade the conjunctiva between them and the eyeball.
@@ -138,7 +138,7 @@ def paint_parts(
     return Parts(work.colour, work.code, work.everywhere(), iris, srgb_to_linear(no_bluer(tooth[None])[0]))
 
 
-def _paint_teeth(work: _Work, teeth: Teeth, tooth: Float32, unwrapped: Unwrapped, seen: Float32) -> None:
+def _paint_teeth(work: _Painted, teeth: Teeth, tooth: Float32, unwrapped: Unwrapped, seen: Float32) -> None:
     """Teeth of a sRGB-coded albedo (3,), blended with the photo where it shows teeth."""
     light, shown = work.light, unwrapped.colour[teeth.own]
     share = seen[teeth.own] * teeth.shows(shown, light.on(tooth))
@@ -149,7 +149,7 @@ def _paint_teeth(work: _Work, teeth: Teeth, tooth: Float32, unwrapped: Unwrapped
 
 
 @dataclass
-class _Work:
+class _Painted:
     """What has been painted so far, at the inner texels."""
 
     chart: Chart

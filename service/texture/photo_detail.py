@@ -153,7 +153,7 @@ class OwnDetail:
             return self._told(())
         found, areas = [], []
         for one in (self, *self.others):
-            work = _Work(one, (width, height), count)
+            work = _DetailedMap(one, (width, height), count)
             change_strips(codes, octave_strips(codes, one.seen > LEAST_SEEN, count), work.changed, work.count)
             found.append(work.octaves())
             areas.append(float(one.seen.sum()))
@@ -243,7 +243,7 @@ def _areas(index: int, share: Float32, area: Float32, inside: tuple[slice, slice
     return float((share[own] * weight[own]).sum()) * scale**2, float(weight[own].sum()) * scale**2
 
 
-class _Work:
+class _DetailedMap:
     """One map that gets a photo's detail."""
 
     def __init__(self, own: OwnDetail, size: tuple[int, int], octaves: int) -> None:

@@ -58,7 +58,7 @@ MORE_FORM = 2
 
 
 @dataclass(frozen=True)
-class Sight:
+class ObservedPhoto:
     """One photo as the fit sees it.
 
     Attributes:
@@ -82,7 +82,7 @@ def middle_of(photo: Photo) -> Float64:
 
 
 def _refined(
-    sights: Sequence[Sight], head: HeadModel, model: LandmarkModel, components: int, *, normals: bool
+    sights: Sequence[ObservedPhoto], head: HeadModel, model: LandmarkModel, components: int, *, normals: bool
 ) -> list[tuple[LandmarkFit, Float64 | None]]:
     """For each photo the refined fit, its coefficients those of the extended head, and the light on the face there.
 
@@ -228,7 +228,7 @@ def fit_views(views: Sequence[View], head: HeadModel, settings: FitSettings | No
         return _results(views, head, model, initial)
     own = _of_one_camera(views, priors, initial)
     sights = [
-        Sight(view, seen, prior, start, _understood(head, model, view, start))
+        ObservedPhoto(view, seen, prior, start, _understood(head, model, view, start))
         for view, seen, prior, start in zip(views, observed, own, initial, strict=True)
     ]
     found = [sight.found is not None for sight in sights]

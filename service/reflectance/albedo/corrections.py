@@ -49,9 +49,9 @@ class Ledger:
         self._counts[correction.name] = (before[0] + int(changed), before[1] + int(texels))
 
     @property
-    def applied(self) -> tuple[manifest.Correction, ...]:
+    def applied(self) -> tuple[manifest.CorrectionEntry, ...]:
         """In the order in which they first ran."""
-        return tuple(manifest.Correction(name, *counts) for name, counts in self._counts.items())
+        return tuple(manifest.CorrectionEntry(name, *counts) for name, counts in self._counts.items())
 
 
 def changed_texels(before: Float32, after: Float32) -> tuple[int, int]:

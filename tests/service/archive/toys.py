@@ -12,7 +12,7 @@ from service.face.finder import Face
 from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
-from service.manifest import IdentitySimilarity, Integration, Model
+from service.manifest import IdentitySimilarity, Integration, ModelEntry
 from service.map_registry import MAP_NAMES
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
@@ -73,7 +73,7 @@ def toy_avatar(**changes: Any) -> Avatar:
         "texture": toy_texture(),
         "options": {"size": [96, 64], "maps": ["texture", "confidence", "shape_normal"], "face": None},
         "seed": 7,
-        "models": (Model("toy sphere", "cd" * 32, "CC0-1.0", "head model"),),
+        "models": (ModelEntry("toy sphere", "cd" * 32, "CC0-1.0", "head model"),),
         "similarity": IdentitySimilarity(0.4, 0.6, {"centred_cosine_mean": 0.0, "centred_cosine_p95": 0.3}),
         "timings_s": {"decode": 0.1},
         "peak_rss_mb": 321.0,
