@@ -83,7 +83,7 @@ class Errors:
 
 def clues_of(avatar: Avatar) -> Float32:
     """(K, h, w) what the product goes by."""
-    subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
+    subject = Subject.fitted(avatar.head, avatar.fit).wearing(avatar.texture)
     planes = Planes(SIZE)
     planes.add_coarse(GEOMETRY, subject.geometry)
     planes.add_coarse(CLUES, subject.clues)

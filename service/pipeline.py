@@ -22,14 +22,15 @@ from dataclasses import replace
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
 from service.anatomy.eyes import eye_parts
 from service.anatomy.mouth import mouth_parts
 from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo, to_albedo, worn
-from service.archive.avatar import Avatar, Source, model_cards
+from service.archive.avatar import Avatar, Drawn, Source, model_cards
+from service.archive.pack import draw
 from service.budget import within_budget
 from service.diagnosis import peak_rss_mb
 from service.face.features.eye_colours import NAMED_IRISES
@@ -48,21 +49,25 @@ from service.head.files import load_head
 from service.head.model import HeadModel
 from service.levels import Size
 from service.likeness import likeness
+from service.manifest import IdentitySimilarity
 from service.materials.part import coarser
 from service.options import Options, installed
 from service.photo.photo import Photo
 from service.reflectance.reflectance import make_reflectance
+from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.relief.folds import AGES
 from service.reflectance.subject import Subject
 from service.reflectance.surface_maps import surface_maps
 from service.runtime.network_registry import networks_of
 from service.runtime.networks import choose_engine, loading_ahead
-from service.runtime.sessions import few_heaps, has_openvino, openvino_library
+from service.runtime.sessions import few_heaps, has_openvino, openvino_library, release
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import Loaded, NoCache, StageCache
 from service.texture.inpainting import grain
 from service.texture.photo_detail import OwnDetail, own_texture_of
-from service.texture.texture import SEEDS, Texture, make_texture
+from service.texture.texture import SEEDS, Texture, Unwrappings, make_texture
+
+T = TypeVar("T")
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""
@@ -119,6 +124,7 @@ def make_avatar(
     """
     files = [data] if isinstance(data, bytes) else list(data)
     check_count(len(files))
+    release()  # else fragmented memory accumulates in a process that makes many avatars
     options, warnings = within_budget(options, stages)
     plan, kept = options.plan(), stages.get_or_compute
     if plan.stages and tile < DEFAULT_TILE:
@@ -147,25 +153,63 @@ def make_avatar(
             if options.mouth == "shut":
                 fit = with_mouth_shut(head, fit)
         with stage("hair"):
+            # What needs no hair is made beside it.
+            others = [(view.photo, other, view.reading) for view, other in gathered.others]
+            known = pool.submit(Unwrappings.of, chart, [(photo, fit, reading), *others])
+            subject = pool.submit(Subject.fitted, head, fit) if plan.stages else None
             wanted = options.asked_hair(), options.level.strands, options.seed
             hair = kept("hair", find_hair, photo, head, fit, reading, *wanted, networks.hair() if reads else None)
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
         with stage("texture"):
             cards = pool.submit(lambda: hair_cards(hair, head, fit.neutral, options.quality, options.seed))
             bald = hair.bald_beneath
-            texture = kept("texture", make_texture, photo, head, fit, chart, reading, bald, gathered.others)
+            given = photo, head, fit, chart, reading, bald, gathered.others, known.result()
+            texture = kept("texture", make_texture, *given)
             if options.eye_colour != "auto":
                 texture = replace(texture, iris=NAMED_IRISES[options.eye_colour])
         step = options.level.part_texture_step
         mouth = pool.submit(mouth_parts, head, fit, texture.tooth, step)  # made while the networks run
         eyes = pool.submit(eye_parts, head, fit, texture.iris, step)
         parts = (*cards.result(), *worn(head, fit, texture.texture, brows))
-        with stage("compare"):
+
+        def compared() -> IdentitySimilarity:
             shown = [part for part in parts if part.name != BROWS]  # the texture has the photo's own
-            similarity = kept(
-                "compare", likeness, photo, face, head, fit, texture.texture, networks.recogniser(), shown
+            try:
+                return kept("compare", likeness, photo, face, head, fit, texture.texture, networks.recogniser(), shown)
+            finally:
+                networks.drop()
+
+        similarity = stage.beside("compare", pool, compared)
+
+        def so_far(made: Reflectance | None) -> Avatar:
+            """The avatar with maps as far as they are made, its parts without the photo's light."""
+            own_hair, own_parts = hair, parts
+            if made is not None and made.diffuse_albedo is not None:
+                albedo = small_albedo(made.diffuse_albedo, texture.texture.shape[1::-1])
+                light = to_albedo(texture.texture, albedo, texture.lit_skin)
+                own_hair, own_parts = hair_in_albedo(hair, in_albedo(parts, brows, head, albedo, light), light)
+            return Avatar(
+                photo=photo,
+                face=face,
+                head=head,
+                fit=fit,
+                texture=texture,
+                sources=_sources(gathered, texture, detail=own is not None),
+                left_out=gathered.left_out,
+                options=options.to_json(),
+                seed=options.seed,
+                models=model_cards(head, head_file, plan.networks),
+                parts=(*coarser(own_parts, step), *mouth.result(), *eyes.result()),
+                hair=own_hair,
+                own_texture=own_texture,
+                warnings=(*warnings, *((LEFT_OUT,) if gathered.left_out else ())),
             )
-        networks.drop()
+
+        ahead: list[tuple[Avatar, Future[Drawn]]] = []
+
+        def draw_early(made: Reflectance) -> None:
+            avatar = so_far(made)
+            ahead.append((avatar, pool.submit(draw, replace(avatar, reflectance=made))))
 
         reflectance, own_texture, own = None, None, None
         if options.level.super_resolution or options.texture_size != "auto":
@@ -175,10 +219,10 @@ def make_avatar(
                 asked = options.texture_size
                 size = own.texture_size(options.most_texture_width) if asked == "auto" else asked
                 own_texture = kept("own_texture", own_texture_of, texture, own, size)
-        if plan.stages:
+        if subject is not None:
             reflectance = make_reflectance(
                 texture.texture,
-                replace(Subject.in_photo(head, fit, texture, hair), wrinkles=AGES[options.wrinkles]),
+                replace(subject.result().wearing(texture, hair), wrinkles=AGES[options.wrinkles]),
                 plan,
                 options.map_size,
                 engine,
@@ -189,35 +233,21 @@ def make_avatar(
                 tile=tile,
                 progress=lambda name, done: progress(name, BEFORE_NETWORKS + (1 - 2 * BEFORE_NETWORKS) * done),
                 stages=stages,
+                coloured=draw_early,
             )
             stage.timings |= reflectance.timings_s
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
 
-    if reflectance is not None and reflectance.diffuse_albedo is not None:
-        albedo = small_albedo(reflectance.diffuse_albedo, texture.texture.shape[1::-1])
-        light = to_albedo(texture.texture, albedo, texture.lit_skin)
-        hair, parts = hair_in_albedo(hair, in_albedo(parts, brows, head, albedo, light), light)
-    return Avatar(
-        photo=photo,
-        face=face,
-        head=head,
-        fit=fit,
-        texture=texture,
-        sources=_sources(gathered, texture, detail=own is not None),
-        left_out=gathered.left_out,
-        options=options.to_json(),
-        seed=options.seed,
-        models=model_cards(head, head_file, plan.networks),
-        parts=(*coarser(parts, step), *mouth.result(), *eyes.result()),
-        hair=hair,
-        similarity=similarity,
-        reflectance=reflectance,
-        surface=surface,
-        own_texture=own_texture,
-        warnings=(*warnings, *((LEFT_OUT,) if gathered.left_out else ())),
-        timings_s=stage.timings,
-        peak_rss_mb=peak_rss_mb(),
-    )
+        avatar, drawn = ahead[0] if ahead else (so_far(reflectance), None)
+        return replace(
+            avatar,
+            reflectance=reflectance,
+            surface=surface,
+            similarity=similarity.result(),
+            drawn=None if drawn is None else drawn.result(),
+            timings_s=stage.timings,
+            peak_rss_mb=peak_rss_mb(),
+        )
 
 
 class FaceNetworks(Loaded):
@@ -279,6 +309,19 @@ class _Timed:
         yield
         self.timings[name] = time.perf_counter() - begin
         self._done = STAGES[name]
+
+    def beside(self, name: str, pool: ThreadPoolExecutor, work: Callable[[], T]) -> Future[T]:
+        """A stage that a thread of a pool makes beside the next ones."""
+
+        def timed() -> T:
+            begin = time.perf_counter()
+            try:
+                return work()
+            finally:
+                self.timings[name] = time.perf_counter() - begin
+
+        with self(name):
+            return pool.submit(timed)
 
 
 def _decoded(files: list[bytes], networks: FaceNetworks) -> Gathered:

@@ -50,6 +50,29 @@ class Source:
     share: float
 
 
+View = tuple[str, UInt8]
+"""Caption and (h, w, 3) uint8 sRGB picture."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What an archive shows of an avatar and packs of its parts, without any map but texture and albedo.
+
+    Attributes:
+        overlay: (h, w, 3) uint8 sRGB, the head over the photo; None without a photo.
+        textured: views of the head in the photo's light.
+        in_lamps: in other light; empty without albedo.
+        clay: of its shape.
+        textures: PNG of each texture of a part's own, by its name.
+    """
+
+    overlay: UInt8 | None
+    textured: tuple[View, ...]
+    in_lamps: tuple[View, ...]
+    clay: tuple[View, ...]
+    textures: Mapping[str, bytes]
+
+
 @dataclass(frozen=True)
 class Avatar:
     """All results of the photos of one person, or of an external mesh and texture.
@@ -76,6 +99,7 @@ class Avatar:
         similarity: identity check, or None where it did not run.
         effects: names of the effects that are simulated in the previews, empty while there are none.
         warnings: stable codes of the run; :meth:`all_warnings` adds those of photo, face, fit and texture.
+        drawn: what was drawn of it while its maps were made; None: nothing was.
         timings_s: seconds per stage; only written to the archive on request, see ``docs/archive.md``.
         peak_rss_mb: largest resident memory in MiB, written likewise.
     """
@@ -99,6 +123,7 @@ class Avatar:
     own_texture: UInt8 | None = None
     effects: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    drawn: Drawn | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
     peak_rss_mb: float | None = None
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from service import GENERATOR
-from service.archive.avatar import Avatar, drawn_parts, licences_text
+from service.archive.avatar import Avatar, Drawn, drawn_parts, licences_text
 from service.archive.container import write_file, write_stream
 from service.archive.describe import describe
 from service.archive.glb import EncodedPicture, glb_bytes, weights_by_name
@@ -27,7 +27,6 @@ from service.levels import LEVELS
 from service.manifest import to_json
 from service.map_registry import MAPS
 from service.materials.part import MeshPart, material_of
-from service.runtime.sessions import release
 
 
 def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = False) -> None:
@@ -43,25 +42,23 @@ def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = Fa
         NumericFault: a result holds NaN or infinity.
     """
     members = archive_members(avatar, timings=timings)
-    try:
-        if isinstance(target, Path):
-            write_file(target, members)
-        else:
-            write_stream(target, members)
-    finally:
-        release()  # else fragmented memory accumulates in a process that makes many avatars
+    if isinstance(target, Path):
+        write_file(target, members)
+    else:
+        write_stream(target, members)
 
 
 def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes]:
     """Name -> content of every file of the archive; see :func:`write_archive`."""
     with ThreadPoolExecutor(3) as pool:
-        previews, packed = pool.submit(_previews, avatar), pool.submit(_maps, avatar)
+        drawn = pool.submit(lambda: avatar.drawn or draw(avatar))
+        packed = pool.submit(_maps, avatar)
         pictures, values = pool.submit(chart_pictures, avatar), pool.submit(chart_values, avatar)
-        textures = pool.submit(_textures, avatar)
+        previews = pool.submit(lambda: _previews(avatar, drawn.result()))
         parts, maps = drawn_parts(avatar), map_files(avatar)
-        drawn = meshes(avatar, parts, maps, pictures.result, values.result, textures.result)
-        own = {f"maps/parts/{name}.png": data for name, data in textures.result().items()}
-        files = packed.result() | drawn | own
+        written = meshes(avatar, parts, maps, pictures.result, values.result, lambda: drawn.result().textures)
+        own = {f"maps/parts/{name}.png": data for name, data in drawn.result().textures.items()}
+        files = packed.result() | written | own
         files |= {"LICENSES.md": licences_text(avatar).encode()} | previews.result()
     files["manifest.json"] = to_json(describe(avatar, files, parts, maps, timings=timings))
     return files
@@ -137,15 +134,23 @@ def _maps(avatar: Avatar) -> dict[str, bytes]:
         return {one.path: data for one, data in zip(wanted, packed, strict=True) if data is not None}
 
 
-def _previews(avatar: Avatar) -> dict[str, bytes]:
+def draw(avatar: Avatar) -> Drawn:
+    """What an archive shows of an avatar whose maps may still be made, but for texture and albedo."""
     from service.archive.preview.overlay import overlay
+    from service.archive.preview.sheet import clay, coloured
+
+    textured, in_lamps = coloured(avatar)
+    over = None if avatar.given else overlay(avatar)
+    return Drawn(over, textured, in_lamps, tuple(clay(avatar)), _textures(avatar))
+
+
+def _previews(avatar: Avatar, drawn: Drawn) -> dict[str, bytes]:
     from service.archive.preview.sheet import sheet
 
-    pictures = {} if avatar.given else {"preview/overlay.jpg": encode_jpeg(overlay(avatar))}
-    return {**pictures, "preview/sheet.jpg": encode_jpeg(sheet(avatar))}
+    pictures = {} if drawn.overlay is None else {"preview/overlay.jpg": encode_jpeg(drawn.overlay)}
+    return {**pictures, "preview/sheet.jpg": encode_jpeg(sheet(avatar, drawn))}
 
 
 def _textures(avatar: Avatar) -> dict[str, bytes]:
-    """PNG of each texture of a part's own, by its name."""
     own = {one.name: (one, one is part.material.colour_map) for part in avatar.parts for one in part.own_maps}
     return {name: encode_png(one.pixels, srgb=colour) for name, (one, colour) in own.items()}

@@ -183,7 +183,7 @@ def make(
     if output is None:
         return found
     maps = {name: face_of(codes) for name in COMPARED if (codes := getattr(made, name, None)) is not None}
-    subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
+    subject = Subject.fitted(avatar.head, avatar.fit).wearing(avatar.texture)
     skin = np.where(subject.chart.mask, subject.skin(GEOMETRY_SIZE), 0) > 0
     np.savez(output, **{"skin": face_of(skin), **maps})  # type: ignore[arg-type]
     return found

@@ -7,15 +7,18 @@
           `- less the light that delta's context tells --rho, shade--> specular normals --integrate--> displacement
                                                        --sigma--> diffuse normals
 
-Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of two tiles.
+Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of two tiles. Of
+maps that are ``SMALL`` stages run side by side, where neither needs the other.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
-from typing import TypeVar, TypeVarTuple
+from typing import Any, TypeVar, TypeVarTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +68,14 @@ Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of all the reflectance work that is done."""
 
 
+SMALL = 1536 * 1024
+"""Texels of a map up to which memory is no matter: stages run side by side, and what one leaves is kept for the next,
+as fresh pages took a tenth of a draft."""
+
+Beside = Callable[[Callable[[], T]], Callable[[], T]]
+"""Takes work, and gives a function that returns its result."""
+
+
 def make_reflectance(
     texture: npt.NDArray[np.uint8],
     subject: Subject,
@@ -79,6 +90,7 @@ def make_reflectance(
     tile: int = DEFAULT_TILE,
     progress: Progress = lambda stage, done: None,
     stages: StageCache = NoCache(),  # noqa: B008 - holds nothing
+    coloured: Callable[[Reflectance], None] = lambda made: None,
 ) -> Reflectance:
     """Make the maps that a plan asks for.
 
@@ -95,6 +107,8 @@ def make_reflectance(
         tile: inner side of tiles in texels; the result does not depend on it.
         progress: told when a stage begins and after each tile.
         stages: keeps the maps of finished stages.
+        coloured: told as soon as the diffuse albedo is as it will be, where that is before the other maps are made, in
+            a thread of its own.
 
     Raises:
         ModelFault: a network is missing, changed, or does not fit.
@@ -102,29 +116,69 @@ def make_reflectance(
     """
     plain = replace(subject, roots=None, wrinkles=1.0)  # networks make the same maps, whatever is corrected of these
     given = texture, plain, plan, size, seed, detail, tuple(without), own
-    run = _Run(plan, Depending(stages, given), progress)
-    made = _by_networks(*given, engine, tile, run)
+    run = _Run(plan, Depending(stages, given), progress, small=size[0] * size[1] <= SMALL and tile >= DEFAULT_TILE)
     chart, depth = subject.chart, subject.wrinkles
-    if made.specular_normal is not None:
-        made = replace(made, specular_normal=aged(made.specular_normal, chart, depth))
-    if made.diffuse_normal is not None:
-        made = replace(made, diffuse_normal=aged(made.diffuse_normal, chart, depth))
-    if "displacement" in plan.stages and made.specular_normal is not None:
-        heights, how = run("displacement", _displaced, made.specular_normal, plain, size, plan.keep_cliffs)
-        made = replace(made, displacement=heights, integration=how)
-    if made.diffuse_albedo is not None and subject.creases is not None:
-        # Only now: the networks read relief from the dark lines of folds.
-        made = replace(made, diffuse_albedo=unfolded_albedo(made.diffuse_albedo, subject.creases))
-    if made.diffuse_albedo is not None and subject.roots is not None:
-        made = replace(made, diffuse_albedo=darkened(made.diffuse_albedo.copy(), subject.roots))
+
+    def colour(made: Reflectance) -> Codes | None:
+        found = made.diffuse_albedo
+        if found is not None and subject.creases is not None:
+            # Only now: the networks read relief from the dark lines of folds.
+            found = unfolded_albedo(found, subject.creases)
+        if found is not None and subject.roots is not None:
+            found = darkened(found.copy(), subject.roots)
+        if run.small:
+            coloured(replace(made, diffuse_albedo=found))
+        return found
+
+    def relief(made: Reflectance) -> dict[str, Any]:
+        if made.specular_normal is None:
+            return {}
+        normal = aged(made.specular_normal, chart, depth)
+        if "displacement" not in plan.stages:
+            return {"specular_normal": normal}
+        heights, how = run("displacement", _displaced, normal, plain, size, plan.keep_cliffs)
+        return {"specular_normal": normal, "displacement": heights, "integration": how}
+
+    with _beside(run.small) as beside:
+        early: dict[str, Callable[[], Any]] = {}
+
+        def known(made: Reflectance) -> None:
+            if made.specular_normal is None:
+                early["colour"] = beside(lambda: colour(made))
+            else:
+                early["relief"] = beside(lambda: relief(made))
+
+        made = _by_networks(*given, engine, tile, run, beside, known if run.small else lambda made: None)
+        if made.diffuse_normal is not None:
+            made = replace(made, diffuse_normal=aged(made.diffuse_normal, chart, depth))
+        made = replace(made, **early.get("relief", lambda: relief(made))())
+        made = replace(made, diffuse_albedo=early.get("colour", lambda: colour(made))())
     return replace(made, timings_s=run.timings)
+
+
+@contextmanager
+def _beside(together: bool) -> Iterator[Beside[Any]]:
+    """Work is done in a thread for it, or else at once."""
+    with ThreadPoolExecutor(2) as pool:
+
+        def take(work: Callable[[], Any]) -> Callable[[], Any]:
+            if together:
+                return pool.submit(work).result
+            done = work()
+            return lambda: done
+
+        yield take
 
 
 def _by_networks(
     texture: npt.NDArray[np.uint8], subject: Subject, plan: ReflectancePlan, size: tuple[int, int], seed: int,
     detail: float, without: Collection[str], own: OwnDetail | None, engine: Engine, tile: int, run: _Run,
+    beside: Beside[Any], known: Callable[[Reflectance], None],
 ) -> Reflectance:  # fmt: skip
-    """The maps without displacement. Its stages are found by all of this but engine and tile."""
+    """The maps without displacement. Its stages are found by all of this up to ``own``.
+
+    ``known`` is told of the maps when they have the diffuse albedo, and when they have the specular normals.
+    """
     geometry = subject.geometry
     source = texture.astype(np.uint16) * np.uint16(257)
     if "super_resolution" in plan.stages:
@@ -182,31 +236,36 @@ def _by_networks(
             seen, octaves = None if own is None else own.all_seen, () if found is None else found.octaves
             drawn = drawn_detail(seen, octaves, detail if "super_resolution" in plan.stages else 0.0)
             planes.add_coarse([DRAWN_DETAIL], drawn[None])
-    if "specular_albedo" in plan.stages:
-        made = replace(made, specular_albedo=run("specular_albedo", lambda told: specular_albedo(job(told))))
+        known(made)
+
+    def gloss() -> Codes | None:
+        wanted = "specular_albedo" in plan.stages
+        return run("specular_albedo", lambda told: specular_albedo(job(told))) if wanted else None
+
+    def bumps(told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
+        bent = tangent_normals("specular_normal", job(told))
+        if own is not None and found is not None and grey is not None and subject.slope is not None:
+            shares = tuple(octave.share for octave in found.octaves)
+            trust = bare(own.seen, planes)
+            bent = with_shade(bent, grey, subject.slope, trust, shares)
+        if subject.creases is None:
+            return bent, ()
+        fold = folds_in(bent, subject.creases)
+        return unfolded(bent, fold), wrinkles_of(fold, subject.creases, bent.shape)
+
+    def form(told: Callable[[float], None]) -> npt.NDArray[np.int16]:
+        bent = tangent_normals("diffuse_normal", job(told))
+        return bent if subject.creases is None else unfolded(bent, folds_in(bent, subject.creases))
+
+    def soft() -> npt.NDArray[np.int16] | None:
+        return run("diffuse_normal", form) if "diffuse_normal" in plan.stages else None
+
+    specular, diffuse = beside(gloss), beside(soft) if run.small else None
     if "specular_normal" in plan.stages:
-
-        def specular(told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
-            bent = tangent_normals("specular_normal", job(told))
-            if own is not None and found is not None and grey is not None and subject.slope is not None:
-                shares = tuple(octave.share for octave in found.octaves)
-                trust = bare(own.seen, planes)
-                bent = with_shade(bent, grey, subject.slope, trust, shares)
-            if subject.creases is None:
-                return bent, ()
-            fold = folds_in(bent, subject.creases)
-            return unfolded(bent, fold), wrinkles_of(fold, subject.creases, bent.shape)
-
-        normal, wrinkles = run("specular_normal", specular)
+        normal, wrinkles = run("specular_normal", bumps)
         made = replace(made, specular_normal=normal, wrinkles=wrinkles)
-    if "diffuse_normal" in plan.stages:
-
-        def diffuse(told: Callable[[float], None]) -> npt.NDArray[np.int16]:
-            bent = tangent_normals("diffuse_normal", job(told))
-            return bent if subject.creases is None else unfolded(bent, folds_in(bent, subject.creases))
-
-        made = replace(made, diffuse_normal=run("diffuse_normal", diffuse))
-    return made
+        known(made)
+    return replace(made, specular_albedo=specular(), diffuse_normal=(diffuse or beside(soft))())
 
 
 def _fallbacks(
@@ -222,22 +281,33 @@ def _fallbacks(
 
 
 class _Run:
-    """Runs stages one after the other: times them, keeps their results, tells how far all of it is."""
+    """Runs stages: times them, keeps their results, tells how far all of it is.
 
-    def __init__(self, plan: ReflectancePlan, stages: StageCache, progress: Progress) -> None:
+    Attributes:
+        timings: seconds by name.
+        small: run them side by side, as memory is no matter.
+    """
+
+    def __init__(self, plan: ReflectancePlan, stages: StageCache, progress: Progress, *, small: bool) -> None:
         self.timings: dict[str, float] = {}
         self._shares = plan.shares()
         self._stages = stages
         self._progress = progress
-        self._done = 0.0
+        self.small = small
+        self._done = self._told = 0.0
 
     def __call__(self, name: str, make: Callable[[Callable[[float], None], *Given], T], *given: *Given) -> T:
         share = self._shares[name]
-        self._progress(name, self._done)
+
+        def told(done: float) -> None:
+            self._told = max(self._told, self._done + share * done)  # of two stages at a time one may be far behind
+            self._progress(name, self._told)
+
+        told(0.0)
         begin = time.perf_counter()
-        told = lambda done: self._progress(name, self._done + share * done)  # noqa: E731
         result = self._stages.get_or_compute(name, lambda *given: make(told, *given), *given)
-        release()  # what the stage's strips and networks left
+        if not self.small:
+            release()  # what the stage's strips and networks left
         self.timings[name] = time.perf_counter() - begin
         self._done += share
         return result

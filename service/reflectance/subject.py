@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import cv2
 import numpy as np
@@ -69,6 +68,22 @@ def margin(width: int) -> int:
     return max(width // GEOMETRY_SIZE[0], 1)
 
 
+def drawn_geometry(chart: Chart, vertices: AnyFloat) -> Float32:
+    """(11, h, w) float32 of a chart's size, named by ``GEOMETRY``, continued beyond the islands.
+
+    Depth is z of the head in units of 128 mm; normals are unit vectors in object space and in the tangent space of the
+    head's overall form; position is where the texel lies on the mean head, the same for everybody, a code of the
+    region; mask is 1 inside the islands.
+    """
+    scale = 1000.0 / UNIT_MM
+    exact, tangent = shape_normals(chart, vertices)
+    position = chart.fill_outside(chart.interpolate(chart.head.mean)) * np.float32(scale)
+    depth = depth_map(chart, vertices) * np.float32(scale)
+    mask = chart.mask.astype(np.float32)
+    planes = [depth, *np.moveaxis(exact, 2, 0), *np.moveaxis(tangent, 2, 0), *np.moveaxis(position, 2, 0), mask]
+    return np.stack([np.asarray(plane, np.float32) for plane in planes])
+
+
 @dataclass(frozen=True)
 class Subject:
     """One fitted head.
@@ -77,6 +92,7 @@ class Subject:
         head: the model.
         vertices: (V, 3) metres with the photo's expression.
         chart: of ``head`` at ``GEOMETRY_SIZE``.
+        geometry: (11, h, w) float32 at ``GEOMETRY_SIZE``, as :func:`drawn_geometry` makes it.
         lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 on hair, glasses and inpainted texels;
             None: all of it is skin in the light.
         inpainted: (h, w) float32, 1 on inpainted skin; None: nowhere.
@@ -94,6 +110,7 @@ class Subject:
     head: HeadModel
     vertices: npt.NDArray[np.floating]
     chart: Chart
+    geometry: Float32
     lit: Float32 | None = None
     eye_light: npt.NDArray[np.floating] | None = None
     parts: npt.NDArray[np.uint8] | None = None
@@ -114,25 +131,29 @@ class Subject:
     ) -> Subject:
         """Draw the chart of a head; ``lit_skin`` is the texture's, of any size."""
         lit = None if lit_skin is None else lit_skin * np.float32(1 / 255)
-        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), lit, eye_light)
+        chart = Chart.build(head, *GEOMETRY_SIZE)
+        return cls(head, vertices, chart, drawn_geometry(chart, vertices), lit, eye_light)
 
     @classmethod
-    def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture, hair: WornHair | None = None) -> Subject:
-        """The head of a photo, with all that fit and texture tell of its light, and the roots of the hair it wears."""
-        subject = cls.of(head, fit.vertices, texture.lit_skin, fit.eye_light)
-        inpainted = np.asarray(texture.confidence == 0, np.float32)
-        height, width = inpainted.shape
-        inpainted *= subject.bare((width, height))
+    def fitted(cls, head: HeadModel, fit: Fit) -> Subject:
+        """The head of a photo, with all that its fit tells: the light's way with normals, and folds."""
+        subject = cls.of(head, fit.vertices, eye_light=fit.eye_light)
         slope = None
         if fit.light is not None:
             slope = sensitivity(subject.chart, fit.vertices, fit.light, fit.camera.rotation)
+        return replace(subject, slope=slope, creases=Creases.of(subject.chart, fit))
+
+    def wearing(self, texture: Texture, hair: WornHair | None = None) -> Subject:
+        """The same head with what the texture tells of its light, and the roots of the hair it wears."""
+        inpainted = np.asarray(texture.confidence == 0, np.float32)
+        height, width = inpainted.shape
+        inpainted *= self.bare((width, height))
         return replace(
-            subject,
+            self,
+            lit=texture.lit_skin * np.float32(1 / 255),
             inpainted=inpainted,
             parts=texture.parts,
             roots=left_by_roots(texture, hair),
-            slope=slope,
-            creases=Creases.of(subject.chart, fit),
             photos=texture.photos,
         )
 
@@ -142,22 +163,6 @@ class Subject:
         known = self.eye_light is not None and bool((np.asarray(self.eye_light) > 0).all())
         logs = np.log(np.asarray(self.eye_light, np.float64)) if known else np.zeros(3)
         return np.append(logs, float(known))[:, None, None].astype(np.float32)
-
-    @cached_property
-    def geometry(self) -> Float32:
-        """(11, h, w) float32 at ``GEOMETRY_SIZE``, named by ``GEOMETRY``, continued beyond the islands.
-
-        Depth is z of the head in units of 128 mm; normals are unit vectors in object space and in the tangent space
-        of the head's overall form; position is where the texel lies on the mean head, the same for everybody, a code
-        of the region; mask is 1 inside the islands.
-        """
-        chart, scale = self.chart, 1000.0 / UNIT_MM
-        exact, tangent = shape_normals(chart, self.vertices)
-        position = chart.fill_outside(chart.interpolate(self.head.mean)) * np.float32(scale)
-        depth = depth_map(chart, self.vertices) * np.float32(scale)
-        mask = chart.mask.astype(np.float32)
-        planes = [depth, *np.moveaxis(exact, 2, 0), *np.moveaxis(tangent, 2, 0), *np.moveaxis(position, 2, 0), mask]
-        return np.stack([np.asarray(plane, np.float32) for plane in planes])
 
     @property
     def lids(self) -> Float32:

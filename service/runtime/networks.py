@@ -48,7 +48,6 @@ from service.runtime.sessions import (
     lacked_memory,
     native_session,
     openvino_library,
-    release,
     require_finite,
 )
 
@@ -281,7 +280,7 @@ def choose_engine(runtime: str = "auto", *, threads: int = 0, precision: str = "
 
 @contextmanager
 def open_network(name: str, engine: Engine) -> Iterator[Network]:
-    """A network for the length of a ``with`` block; its memory is released at the end.
+    """A network for the length of a ``with`` block; its memory is freed at the end.
 
     Raises:
         ModelFault: the file is missing, not the one of models.json, has no description, or cannot be loaded.
@@ -293,7 +292,6 @@ def open_network(name: str, engine: Engine) -> Iterator[Network]:
         yield Network(name, description, engine.of(name), lambda maps: held[0](maps))
     finally:
         held.clear()  # whoever keeps the Network, in a traceback for example, does not keep the weights
-        release()
 
 
 def load_network(name: str, engine: Engine) -> Loaded:

@@ -199,9 +199,40 @@ NOT_SEGMENTED = "not-segmented"
 """Warning: no part was read off the photo, so that nothing beside the face is taken from it."""
 
 
+@dataclass(frozen=True)
+class Unwrappings:
+    """What photos show of one head, whatever hair it will wear.
+
+    Attributes:
+        zones: of the inner texels (N,).
+        sights: of each photo what it shows, the parts (N, 13) read there, and (N,) how far these alone hide the head;
+            none of the last where nothing was read.
+        normals: of ``shape_normals``.
+        depth: of ``depth_map``.
+    """
+
+    zones: Zones
+    sights: tuple[tuple[Unwrapped, Float32, Float32 | None], ...]
+    normals: tuple[Float32, Float32]
+    depth: Float32
+
+    @classmethod
+    def of(cls, chart: Chart, views: Sequence[tuple[Photo, Fit, Reading | None]]) -> Unwrappings:
+        """Unwrap photos, each with its own fit of the head, the first with that of the texture.
+
+        Raises:
+            NumericFault: vertices or a camera are not finite.
+        """
+        for _, fit, _ in views:
+            _require_finite(fit)
+        zones, vertices = Zones.of(chart), views[0][1].vertices
+        sights = tuple(_sight(chart, zones, *view) for view in views)
+        return cls(zones, sights, shape_normals(chart, vertices), depth_map(chart, vertices))
+
+
 def make_texture(
     photo: Photo, head: HeadModel, fit: Fit, chart: Chart, reading: Reading | None = None,
-    bald: bool = False, others: Sequence[tuple[View, Fit]] = (),
+    bald: bool = False, others: Sequence[tuple[View, Fit]] = (), known: Unwrappings | None = None,
 ) -> Texture:  # fmt: skip
     """Unwrap photos on the fitted head, blend them and inpaint the rest.
 
@@ -215,15 +246,15 @@ def make_texture(
         bald: hair is worn as a mesh, and the skin beneath is bald, with the shadow of the roots; else the photo's hair
             stays on the scalp, as on a shaved head.
         others: further photos of the person, and the same head's fits in them.
+        known: of these photos; None: it is made.
 
     Raises:
         NumericFault: vertices, camera or a map are not finite.
     """
-    for one in (fit, *(other for _, other in others)):
-        _require_finite(one)
-    zones = Zones.of(chart)
     views = [(photo, fit, reading), *((view.photo, other, view.reading) for view, other in others)]
-    layers = [_layer(chart, zones, *view, bald=bald) for view in views]
+    known = known or Unwrappings.of(chart, views)
+    zones = known.zones
+    layers = [_layer(chart, zones, *sight, bald=bald) for sight in known.sights]
     mixed = blend(chart, layers, [one for _, one, _ in views], zones)
     unwrapped, part, weight, found = (getattr(mixed.layer, name) for name in _LAYER)
     scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
@@ -238,9 +269,8 @@ def make_texture(
     sure = _confidence(completed)
     parts = paint_parts(chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person)
 
-    exact, tangent = shape_normals(chart, fit.vertices)
+    (exact, tangent), depth = known.normals, known.depth
     texture = chart.fill_outside(chart.spread(parts.colour))
-    depth = depth_map(chart, fit.vertices)
     for name, values in (("texture", texture), ("normals", exact), ("tangent normals", tangent), ("depth", depth)):
         if not np.isfinite(values).all():
             raise NumericFault(f"the {name} map has {int((~np.isfinite(values)).sum())} values that are not finite")
@@ -264,15 +294,26 @@ def make_texture(
 _LAYER = ("unwrapped", "parts", "weight", "found")
 
 
-def _layer(chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None, *, bald: bool) -> Layer:
-    """What one photo shows of the head."""
+def _sight(
+    chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None
+) -> tuple[Unwrapped, Float32, Float32 | None]:
+    """One of the sights of :class:`Unwrappings`."""
     unwrapped = unwrap(photo, fit, chart)
+    if reading is None:
+        return unwrapped, parts_of_face(chart, unwrapped, zones), None
+    part = parts_at(reading, fit, unwrapped)
+    cover = np.maximum(finer_cover(chart, unwrapped, part, zones), in_the_dark(chart, unwrapped, part, zones))
+    return unwrapped, part, cover
+
+
+def _layer(
+    chart: Chart, zones: Zones, unwrapped: Unwrapped, part: Float32, cover: Float32 | None, *, bald: bool
+) -> Layer:
+    """What one photo shows of the head."""
     weight = unwrapped.weight
-    part = parts_of_face(chart, unwrapped, zones) if reading is None else parts_at(reading, fit, unwrapped)
     hidden = covered(part, zones, bald=bald)
-    if reading is not None:
-        hidden = np.maximum(hidden, finer_cover(chart, unwrapped, part, zones))
-        hidden = np.maximum(hidden, in_the_dark(chart, unwrapped, part, zones))
+    if cover is not None:
+        hidden = np.maximum(hidden, cover)
     hidden = np.maximum(grown(chart, hidden) if bald else hidden, shows_opening(part, zones))
     bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
     unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.wearables import small_albedo, to_albedo
-from service.archive.avatar import Avatar
+from service.archive.avatar import Avatar, Drawn, View
 from service.archive.images import encode_normals8
 from service.arrays import AnyFloat, Float32, UInt8, UInt16
 from service.colour import bytes_to_linear
@@ -34,7 +34,6 @@ WARNING: Colour = (176, 72, 20)
 _WITHOUT_FONT = str.maketrans({"°": "", "·": "-", "–": "-", "²": "2"})
 What = TypeVar("What")
 Made = TypeVar("Made")
-View = tuple[str, Image]
 
 TILE = (256, 306)
 """Width and height of a view of the head."""
@@ -64,7 +63,7 @@ CLAY = (0.50, 0.47, 0.44)
 _PART_CLAY = {"eye": (0.72, 0.72, 0.72), "teeth": (0.68, 0.66, 0.60), "tongue": (0.42, 0.28, 0.26)}
 
 
-def coloured(avatar: Avatar) -> tuple[list[View], list[View]]:
+def coloured(avatar: Avatar) -> tuple[tuple[View, ...], tuple[View, ...]]:
     """Captions and (h, w, 3) uint8 pictures of ``TILE``, of what is seen once from each of five sides.
 
     First the texture, with the photo's light; then the diffuse albedo under other lamps, nothing without albedo.
@@ -90,7 +89,7 @@ def coloured(avatar: Avatar) -> tuple[list[View], list[View]]:
         return first, relit
 
     firsts, lit = zip(*_side_by_side(views, TEXTURED_YAWS), strict=True)
-    return list(firsts), [view for several in lit for view in several]
+    return firsts, tuple(view for several in lit for view in several)
 
 
 def clay(avatar: Avatar) -> Iterator[View]:
@@ -172,9 +171,9 @@ INPAINTED_COLOUR = (206, 202, 196)
 """Confidence in the sheet: from the photo, from the other side of the face, inpainted."""
 
 
-def sheet(avatar: Avatar) -> Image:
+def sheet(avatar: Avatar, drawn: Drawn) -> Image:
     """(h, w, 3) uint8 sRGB: textured views, relit views, untextured views, measurements of the fit, maps."""
-    maps, (textured, in_lamps) = list(_maps(avatar)), coloured(avatar)
+    maps, in_lamps = list(_maps(avatar)), drawn.in_lamps
     maps_high, view_high = _map_size()[1] + _CAPTION, TILE[1] + _CAPTION
     high = (3 if in_lamps else 2) * view_high + -(-len(maps) // _MAPS_A_ROW) * maps_high
     page = blank(_WIDTH, _TITLE + high + _MARGIN)
@@ -184,11 +183,11 @@ def sheet(avatar: Avatar) -> Image:
     write_text(page, f"{avatar.head.name} · {len(avatar.head.mean)} vertices · {origin}", _MARGIN + 104, 40, 15, GREY)
     y = _TITLE
     columns = list(_columns(TILE[0]))
-    for views in (textured, in_lamps):
+    for views in (drawn.textured, in_lamps):
         for x, (caption, picture) in zip(columns, views, strict=False):
             _tile(page, picture, caption, x, y)
         y += view_high if views else 0
-    for x, (caption, picture) in zip(columns, clay(avatar), strict=False):
+    for x, (caption, picture) in zip(columns, drawn.clay, strict=False):
         _tile(page, picture, caption, x, y)
     _facts(page, avatar, columns[3] + 16, y + 8)
     y += view_high

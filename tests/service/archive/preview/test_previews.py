@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from service.archive.pack import draw
 from service.archive.preview.overlay import crop_box, overlay
 from service.archive.preview.sheet import (
     TILE,
@@ -94,12 +95,12 @@ def test_previews_survive_a_fit_gone_wrong(case: str) -> None:
     left, top, right, bottom = crop_box(avatar)
     assert 0 <= left < right <= 320 and 0 <= top < bottom <= 240
     assert max(overlay(avatar).shape) <= 1610
-    assert sheet(avatar).std() > 0
+    assert sheet(avatar, draw(avatar)).std() > 0
 
 
 def test_sheet_shows_views_facts_and_maps() -> None:
-    first = sheet(toy_avatar())
-    np.testing.assert_array_equal(first, sheet(toy_avatar()))
+    first = sheet(toy_avatar(), draw(toy_avatar()))
+    np.testing.assert_array_equal(first, sheet(toy_avatar(), draw(toy_avatar())))
     many = replace(toy_avatar(), warnings=tuple(f"warning-{i}" for i in range(9)))
-    assert sheet(many).shape == first.shape
-    assert (sheet(many) != first).any(), "warnings are on the sheet"
+    assert sheet(many, draw(many)).shape == first.shape
+    assert (sheet(many, draw(many)) != first).any(), "warnings are on the sheet"
