@@ -69,22 +69,6 @@ def test_all_meshes_are_sound(parts: dict[str, MeshPart]) -> None:
         assert part.uv.min() >= 0 and part.uv.max() <= 1, part.name
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_the_iris_lies_behind_the_sphere_of_the_ball(head: HeadModel, side: str) -> None:
-    ball = Eyeball.of(head.mean[part_vertices(head, f"eye_{side}")].astype(np.float64))
-    points, faces, _ = globe(ball)
-    wide, _, _ = globe(ball, 0.003)
-    assert np.hypot(*(wide - ball.centre)[1 + SEGMENTS : 1 + 2 * SEGMENTS, :2].T) == pytest.approx(0.003)
-    assert np.ptp(points[:, 0]) == pytest.approx(0.024, abs=0.0006)
-    iris = points[0, 2] - ball.centre[2]
-    assert 0.0002 < ball.radius - iris < 0.002
-    # Seen from outside every face of the ball in front of the equator winds counter-clockwise.
-    quads = faces[faces[:, 3] >= 0]
-    a, b, c = (points[quads[:, k]] for k in range(3))
-    front = a[:, 2] > ball.centre[2] + 0.002
-    assert (np.cross(b - a, c - a)[front, 2] > 0).all()
-
-
 def test_the_eye_mirrors_as_a_cornea_and_the_sclera_as_the_ball(head: HeadModel) -> None:
     """Normals of map and mesh together are those of a dome of 7.8 mm at its apex, flatter outwards."""
     ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))

@@ -88,18 +88,6 @@ def test_what_goes_in_comes_out(size: tuple[int, int], channels: tuple[int, ...]
         assert opened.size == size[::-1] and "srgb" not in opened.info
 
 
-def test_rows_are_asked_for_once_and_in_order() -> None:
-    """Maps are computed as they are written; a second look at a strip would compute it twice."""
-    image, asked = noise((2 * STRIP_ROWS + 9, 6), 16), []
-
-    def read(first: int, last: int) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
-        asked.append((first, last))
-        return image[first:last]
-
-    assert encode_png_rows(Rows(image.shape, 16, read), srgb=False) == encode_png_rows(Rows.of(image), srgb=False)
-    assert asked == [(0, STRIP_ROWS), (STRIP_ROWS, 2 * STRIP_ROWS), (2 * STRIP_ROWS, 2 * STRIP_ROWS + 9)]
-
-
 @pytest.mark.parametrize(("shape", "bits"), [((4, 4, 2), 8), ((4, 4), 12), ((0, 4), 8), ((4, 0, 3), 16)])
 def test_what_png_does_not_have(shape: tuple[int, ...], bits: int) -> None:
     with pytest.raises(ValueError, match="PNG has no"):

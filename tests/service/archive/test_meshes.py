@@ -19,10 +19,9 @@ from service.archive.avatar import Avatar
 from service.archive.glb import EncodedPicture, glb_bytes
 from service.archive.images import encode_png
 from service.archive.pack import archive_members
-from service.archive.surfaces import vertex_normals
 from service.errors import NumericFault
-from service.materials.part import MeshPart, head_parts, material_of, part_normals
-from tests.service.archive.toys import toy_avatar, toy_part, toy_texture
+from service.materials.part import head_parts, material_of
+from tests.service.archive.toys import toy_avatar, toy_texture
 from tests.tools.surfaces import accessor, gltf, values_of
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
@@ -100,19 +99,6 @@ def obj(members: dict[str, bytes]) -> Obj:
 @pytest.fixture(scope="module")
 def glb(members: dict[str, bytes]) -> Glb:
     return Glb.read(members["mesh/head.glb"])
-
-
-def test_obj_keeps_quads_and_triangles(avatar: Avatar, obj: Obj) -> None:
-    head = avatar.head
-    expected = {
-        tuple(zip(p[p >= 0].tolist(), t[t >= 0].tolist(), strict=True))
-        for p, t in zip(head.polygons, head.polygon_uv, strict=True)
-    }
-    assert {tuple((v, vt) for v, vt, _ in face) for face in obj.faces} == expected
-    assert {len(face) for face in obj.faces} == {3, 4}, "the toy has both"
-    corners = np.array([corner for face in obj.faces for corner in face])
-    assert (corners >= 0).all() and (corners.max(0) < [len(obj.v), len(obj.vt), len(obj.vn)]).all()
-    assert (corners[:, 0] == corners[:, 2]).all()
 
 
 def validator_report(data: bytes, folder: Path) -> dict[str, Any]:
@@ -264,25 +250,3 @@ def test_usd_opens_and_says_the_same(avatar: Avatar, members: dict[str, bytes], 
         assert bound.GetPrim().GetName() == material_of(name).name
     file = UsdShade.Shader.Get(stage, "/Head/Materials/skin/Colour").GetInput("file").Get()
     assert Path(file.resolvedPath).resolve() == (tmp_path / "maps" / "texture.png").resolve()
-
-
-def ball_of_cards(seed: int = 4) -> tuple[MeshPart, np.ndarray]:
-    """Cards at all angles on a ball, half of them wound inwards."""
-    rng = np.random.default_rng(seed)
-    away = rng.normal(size=(300, 3))
-    away /= np.linalg.norm(away, axis=1, keepdims=True)
-    points = (0.1 * away[:, None] + rng.normal(0, 0.004, (300, 3, 3))).reshape(-1, 3).astype(np.float32)
-    faces = np.arange(900).reshape(-1, 3).astype(np.int32)
-    part = toy_part(vertices=points, neutral=points, faces=faces, uv=np.zeros((900, 2), np.float32), targets={})
-    return part, np.repeat(away, 3, 0)
-
-
-def test_cards_have_the_normals_of_their_body() -> None:
-    part, away = ball_of_cards()
-    normals = part_normals(part, part.neutral, part.faces)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
-    own = np.einsum("ni,ni->n", vertex_normals(part.neutral, part.faces), away)
-    assert (own < 0).mean() > 0.3 and np.einsum("ni,ni->n", normals, away).min() > 0.4
-    both = part_normals(part, np.stack([part.neutral, part.neutral + 1]), part.faces)
-    np.testing.assert_allclose(both[0], normals, atol=1e-6)
-    np.testing.assert_allclose(both[1], normals, atol=1e-4)

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import json
 import socket
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from service import errors
-from service.client.client import Client, Job, checked_id, idempotency_key, photo_sha256
+from service.client.client import Client, Job, checked_id
 from service.client.errors import (
     AccessDenied,
     Conflict,
     JobFailed,
-    NoSuchJob,
     Problem,
     Refused,
     ServerBusy,
-    ServerUnreachable,
     UnexpectedAnswer,
 )
 from service.client.transport import retry_after_s
@@ -29,16 +26,6 @@ from tests.service.client.fake import Fake, _Handler, answer, hang_up, problem
 PHOTO = b"the bytes of a photo"
 JOB = "0" * 32
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(100)
-
-
-def test_the_same_photo_and_options_are_the_same_job(client: Client, fake: Fake, tmp_path: Path) -> None:
-    (tmp_path / "me.jpg").write_bytes(PHOTO)
-    first = client.submit(PHOTO, {"seed": 1, "size": [96, 64]})
-    assert client.submit(tmp_path / "me.jpg", {"size": [96, 64], "seed": 1}).id == first.id
-    assert client.submit(PHOTO, {"seed": 2, "size": [96, 64]}).id != first.id
-    assert client.submit(PHOTO + b".", {"seed": 1, "size": [96, 64]}).id != first.id
-    assert client.submit(PHOTO, {"seed": 1, "size": [96, 64]}, key="mine").id != first.id
-    assert idempotency_key(photo_sha256(PHOTO), "{}", 2) != idempotency_key(photo_sha256(PHOTO), "{}")
 
 
 def test_a_lost_answer_makes_no_second_job(client: Client, fake: Fake) -> None:
@@ -116,15 +103,6 @@ def test_a_refusal_in_the_middle_of_a_large_upload_is_read(client: Client, fake:
         client.submit(bytes(30_000_000))
 
 
-def test_nobody_there(slept: list[float]) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"http://127.0.0.1:{free.getsockname()[1]}"
-    with Client(address, attempts=3) as client, pytest.raises(ServerUnreachable):
-        client.ready()
-    assert len(slept) == 2
-
-
 @pytest.mark.parametrize(
     ("handler", "words"),
     [
@@ -200,16 +178,6 @@ def test_a_job_that_fails_says_why(client: Client, fake: Fake, code: str, kind: 
     fake.error = problem(422, code, "this was wrong")
     with pytest.raises(kind, match="this was wrong"):
         client.wait(client.submit(PHOTO).id)
-
-
-def test_jobs_that_are_not_there(client: Client) -> None:
-    with pytest.raises(NoSuchJob):
-        client.state("f" * 32)
-    with pytest.raises(NoSuchJob):
-        client.wait("f" * 32)
-    client.delete("f" * 32)
-    with pytest.raises(UsageError):
-        client.state("../../admin")
 
 
 def test_a_stream_without_end_does_not_fill_the_memory(client: Client, fake: Fake) -> None:

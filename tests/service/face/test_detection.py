@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.face.detection import Detection, Mesh, MeshNetwork, anchors, decode_boxes, locate, merge
+from service.face.detection import Detection, Mesh, MeshNetwork, decode_boxes, locate, merge
 from service.face.finder import CONSISTENT, Face
 from tests.service.face.conftest import Pixels
 from tests.service.face.geometry import rms
@@ -16,28 +16,6 @@ from tests.service.face.geometry import rms
 def detection(x: float, y: float, size: float, score: float) -> Detection:
     keys = np.array([[-0.2, -0.2], [0.2, -0.2], [0, 0], [0, 0.2], [-0.5, -0.1], [0.5, -0.1]]) * size + [x, y]
     return Detection(np.array([x, y]), size, score, keys)
-
-
-def test_anchors() -> None:
-    """16 x 16 cells with 2 anchors (stride 16), then 8 x 8 cells with 6 (three layers of stride 32)."""
-    grid = anchors()
-    assert grid.shape == (16 * 16 * 2 + 8 * 8 * 6, 2)
-    assert np.array_equal(grid[:2], [[8, 8], [8, 8]])
-    assert np.array_equal(grid[2], [24, 8])  # x runs fastest
-    assert np.array_equal(grid[512:518], np.full((6, 2), 16.0))
-    assert np.array_equal(grid[-1], [240, 240])
-
-
-def test_decode_adds_anchors_and_sorts() -> None:
-    grid = np.array([[8.0, 8.0], [100.0, 50.0], [10.0, 10.0]])
-    raw = np.zeros((3, 16))
-    raw[:, 2:4] = 30.0
-    raw[1, 0], raw[1, 4] = 5.0, -7.0
-    points, scores = decode_boxes(raw, np.array([1.0, 3.0, -4.0]), grid, 0.5)
-    assert np.allclose(points[0, 0], [105, 50])
-    assert np.allclose(points[0, 1], [30, 30])
-    assert np.allclose(points[0, 2], [93, 50])
-    assert scores == pytest.approx([1 / (1 + np.exp(-3)), 1 / (1 + np.exp(-1))])
 
 
 def test_decode_survives_huge_logits_and_empty_boxes() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from service.errors import FaceCutOff, FaceTooSmall, MultipleFaces, NoFace, UsageError
-from service.face.finder import Face, FaceFinder, choose_face, photo_tiles
+from service.face.finder import Face, FaceFinder, choose_face
 from tests.service.face.conftest import Pixels
 from tests.service.face.geometry import inter_ocular, rms
 
@@ -86,18 +86,6 @@ def test_a_turned_photo_has_the_turned_landmarks(
     assert turned.warnings == (f"turned-{quarters * 90}",)
 
 
-@pytest.mark.parametrize(("size", "tolerance"), [(80, 0.02), (40, 0.04), (30, 0.06)])
-def test_small_faces_keep_their_landmarks(
-    finder: FaceFinder, portrait: Pixels, face: Face, size: float, tolerance: float
-) -> None:
-    factor = size / float(face.box[2] - face.box[0])
-    small = shrunk(portrait, factor)
-    (found,) = finder.find(small)
-    scale = [portrait.shape[1] / small.shape[1], portrait.shape[0] / small.shape[0]]
-    assert rms(found.landmarks[:, :2] * scale, face.landmarks) < tolerance
-    assert ("low-resolution" in found.warnings) == (float(found.box[2] - found.box[0]) < 80)
-
-
 def test_a_small_face_in_a_large_busy_picture(finder: FaceFinder, portrait: Pixels, face: Face) -> None:
     """One face of 45 pixels in 1800 x 1400: in the whole picture, seen at 256 pixels, it has 6."""
     scene = busy(1400, 1800)
@@ -126,16 +114,6 @@ def test_noise_has_no_face(finder: FaceFinder) -> None:
     random = np.random.default_rng(0)
     assert finder.find(random.integers(0, 256, (400, 300, 3)).astype(np.uint8)) == []
     assert finder.find(busy(400, 500)) == []
-
-
-@pytest.mark.parametrize("size", [(700, 500), (500, 701), (300, 300)])
-def test_tiles_cover_the_photo_with_overlap(size: tuple[int, int]) -> None:
-    """A face of a third of the tile lies whole in one of them, wherever it is."""
-    width, height = size
-    regions = photo_tiles(width, height, 300.0)
-    for x in range(50, width - 49, 25):
-        for y in range(50, height - 49, 25):
-            assert any(abs(r.x - x) <= 100.5 and abs(r.y - y) <= 100.5 for r in regions), (x, y)
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 3), (1, 300, 3), (2, 2, 3)])

@@ -12,15 +12,6 @@ CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-
 CUBE_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 
 
-def test_a_cube_by_hand() -> None:
-    """Face points at 1, edge points at (1 + 1 + 1/2 + 1/2) / 4, corners at (F + 2 R + 0 P) / 3."""
-    points = Subdivision.of(CUBE_FACES, 8).smooth(CUBE)
-    assert points.shape == (8 + 6 + 12, 3)
-    np.testing.assert_allclose(np.abs(points[:8]), 5 / 9)
-    np.testing.assert_allclose(np.sort(np.abs(points[8:14]), 1), [[0, 0, 1]] * 6)
-    np.testing.assert_allclose(np.sort(np.abs(points[14:]), 1), [[0, 0.75, 0.75]] * 12)
-
-
 def test_faces_keep_their_side_and_the_surface_stays_closed() -> None:
     points, faces = CUBE, CUBE_FACES
     for _ in range(3):

@@ -11,7 +11,6 @@ from service.light import environment, formulas
 from service.light.environment import (
     flux_by_direction,
     pixel_directions,
-    pixel_of,
     pixel_solid_angles,
     spread_directions,
 )
@@ -93,34 +92,6 @@ def test_gradient_of_spherical_harmonics() -> None:
 def test_bad_scenes_are_refused_by_name(text: str, named: str) -> None:
     with pytest.raises(UsageError, match=named):
         Scene.from_json(text)
-
-
-def test_shipped_environments_are_finite_and_of_one_brightness() -> None:
-    assert len(environment.names()) == 18
-    angles = pixel_solid_angles(environment.HEIGHT, environment.WIDTH)[..., None]
-    for name in environment.names():
-        image = environment.radiance(Environment(name=name))
-        assert np.isfinite(image).all()
-        assert image.min() >= 0.0
-        assert (image * angles).sum() / (12 * np.pi) == pytest.approx(1.0, rel=2e-3), name
-
-
-def test_pixels_know_their_directions() -> None:
-    directions = pixel_directions(16, 32)
-    rows, columns = np.mgrid[0:16, 0:32]
-    np.testing.assert_allclose(pixel_of(directions, 16, 32), np.stack([rows, columns], -1), atol=1e-9)
-    assert pixel_solid_angles(16, 32).sum() == pytest.approx(4 * np.pi)
-    assert directions[7, 16] @ [0, 0, 1] > 0.98  # the middle column is in front of the face
-    assert directions[7, 24] @ [1, 0, 0] > 0.98  # further right is the subject's left
-
-
-def test_turning_takes_front_light_to_the_left() -> None:
-    image = np.zeros((16, 32, 3))
-    image[8, 15:17] = 1.0
-    turned = environment.turned(image, 90.0)
-    peak = np.unravel_index(int(turned[..., 0].argmax()), (16, 32))
-    assert pixel_directions(16, 32)[peak] @ [1, 0, 0] > 0.95
-    np.testing.assert_allclose(environment.turned(image, 360.0), image)
 
 
 def test_spread_directions_integrate_a_cosine() -> None:

@@ -11,16 +11,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.colour import LUMA, from_codes
 from service.errors import ModelFault, NumericFault
-from service.reflectance.planes import Planes, interpolated
+from service.reflectance.planes import interpolated
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import MID, Reflectance, unpack_normals
-from service.reflectance.reflectance_plan import ROLES, STAGES, ReflectancePlan
+from service.reflectance.reflectance_plan import ROLES, ReflectancePlan
 from service.reflectance.subject import Subject
 from service.runtime.networks import Engine
 from service.runtime.tiles import reflected
-from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_models, toy_subject
+from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_subject
 from tests.service.runtime.toynets import toy_net, write_models
 
 SIZE = (240, 160)
@@ -78,18 +77,6 @@ def test_hard_textures(colour: str, engine: Engine, subject: Subject) -> None:
     assert np.abs(made.displacement.astype(int) - MID).max() <= 20000
 
 
-@pytest.mark.parametrize("role", ROLES)
-def test_one_map_runs_only_what_it_needs(role: str, tmp_path: Path, subject: Subject) -> None:
-    """The files of all other networks are gone, so loading one would fail."""
-    plan = ReflectancePlan.of([role])
-    models = toy_models()
-    write_models(tmp_path, {name: models[name] for name in plan.networks})
-    made = make_reflectance(noise(), subject, plan, (96, 64), Engine(threads=1, folder=tmp_path))
-    assert set(made.timings_s) == set(plan.stages)
-    assert getattr(made, role) is not None
-    assert made.models == plan.networks
-
-
 @pytest.mark.parametrize(("network", "message"), [
     (toy_net("delta", ("texture_r", "infrared"), ("r", "g", "b")), "no channel 'infrared'"),
     (toy_net("delta", TEXTURE, ("r", "g")), "has to give 3"),
@@ -128,21 +115,6 @@ def test_covered_skin_is_flat_and_bare_skin_is_not(engine: Engine, subject: Subj
     assert tilts[1] > 0.03 and tilts[0] < 1e-3
 
 
-@pytest.mark.parametrize(("asked", "expected"), [
-    ([], ()),
-    (["texture"], ()),
-    (["diffuse_albedo"], ("super_resolution", "diffuse_albedo")),
-    (["diffuse_normal"], ("super_resolution", "diffuse_albedo", "diffuse_normal")),
-    (["displacement"], ("super_resolution", "diffuse_albedo", "specular_normal", "displacement")),
-    (ROLES, tuple(STAGES)),
-])  # fmt: skip
-def test_what_runs(asked: list[str], expected: tuple[str, ...]) -> None:
-    assert ReflectancePlan.of(asked).stages == expected
-    assert ReflectancePlan.of(asked, super_resolution=False).stages == tuple(
-        s for s in expected if s != "super_resolution"
-    )
-
-
 @pytest.mark.parametrize("size", [(48, 32), (36, 24), (12, 8), (9, 6), (50, 31)])
 def test_a_linear_field_stays_linear_between_the_centres(size: tuple[int, int]) -> None:
     """Centres aligned: half a texel of shift would show at every ratio. Beyond the outer centres the edge goes on."""
@@ -161,19 +133,3 @@ def test_a_part_is_that_part_of_the_whole(size: tuple[int, int]) -> None:
     for top, left in ((-20, -9), (0, 0), (37, 41), (size[1] - 10, size[0] - 25)):
         rows, columns = reflected(size[1], top, top + 30), reflected(size[0], left, left + 50)
         np.testing.assert_allclose(interpolated(field, size, rows, columns), whole[np.ix_(rows, columns)], atol=1e-5)
-
-
-def test_channels_by_name() -> None:
-    codes = np.random.default_rng(1).integers(0, 65536, (6, 9, 3), np.uint16)
-    planes = Planes((9, 6))
-    planes.add_codes("albedo", codes)
-    rows, columns = np.array([5, 4, 4, 0]), np.array([0, 1, 8])
-    red, grey = planes.read(["albedo_r", "albedo_grey"])(rows, columns)
-    np.testing.assert_allclose(red, from_codes(codes[..., 0])[np.ix_(rows, columns)])
-    np.testing.assert_allclose(grey, (from_codes(codes) @ LUMA)[np.ix_(rows, columns)], atol=1e-6)
-    np.testing.assert_allclose(
-        planes.shrunk(["albedo_r"], (3, 2))[0, 0, 0], from_codes(codes[:3, :3, 0]).mean(), atol=3e-5
-    )
-    planes.drop("albedo")
-    with pytest.raises(ModelFault, match="no channel 'albedo_r'"):
-        planes.read(["albedo_r"])

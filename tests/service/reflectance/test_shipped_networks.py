@@ -10,14 +10,11 @@ import numpy.typing as npt
 import pytest
 
 from service.bench.runs import degrees
-from service.colour import FULL_CODE, linear_to_srgb
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask
-from service.reflectance.albedo.diffuse_albedo import LIGHT_NETWORK, found_by
-from service.reflectance.planes import Planes
 from service.reflectance.subject import GEOMETRY_SIZE, Subject
-from service.runtime.network_registry import CLUES, GEOMETRY, LIT, SHOWN
+from service.runtime.network_registry import CLUES, LIT, SHOWN
 from service.runtime.networks import Engine, has_bf16, open_network
 from service.runtime.sessions import has_openvino
 from tests.service.runtime.test_tiles import tiled, untiled
@@ -77,24 +74,6 @@ def test_bf16_is_near_fp32(name: str) -> None:
         assert np.abs(found - exact).mean() <= 2 * 2 / 255
 
 
-@pytest.mark.parametrize("name", ["rho", "sigma"])
-def test_drawn_pores_are_deep_and_a_photos_spots_are_not(name: str) -> None:
-    """Else pores of soft photos are mere colour, which no light brings out, or freckles of sharp ones are dents."""
-    with open_network(name, ENGINE) as network:
-        what = network.description
-        side = 16 * what.stride
-        y, x = np.indices((side, side)) % 16 - 8
-        spots = np.asarray(0.3 - 0.12 * np.exp(-(x * x + y * y) / (2 * 1.6**2)), np.float32)
-        slope = []
-        for drawn in (-1.0, 1.0):
-            values = {"normal_tangent_z": 1.0, "normal_object_z": 1.0, "drawn_detail": drawn}
-            planes = [np.full_like(spots, values.get(name, 0.0)) for name in what.channels]
-            planes[what.channels.index("shaded_grey")] = spots
-            normal = network.run(np.stack(planes))
-            slope.append(float(np.hypot(*normal[:2]).mean()))
-    assert slope[1] > 2 * slope[0]
-
-
 @pytest.mark.skipif(not has_openvino(), reason="OpenVINO is not installed")
 @pytest.mark.parametrize("name", ["zeta_tail", *TRANSLATORS])
 def test_both_runtimes_agree(name: str) -> None:
@@ -146,37 +125,6 @@ def plane(*names: str) -> np.ndarray:
 def clue(subject: Subject, name: str) -> np.ndarray:
     """(h, w) one of the subject's clues."""
     return np.asarray(subject.clues[CLUES.index(name)])
-
-
-def test_hair_of_any_colour_leaves_the_light_of_the_face() -> None:
-    """The network in the box, and a face from the side in black, blond and no hair.
-
-    Heads of the light stage are bald. A network that looks at hair takes black hair for deep shade and the face below
-    it for brightly lit: on albedo maps of real people that have a cap of black, that cost 5 dB.
-    """
-    hair = plane("scalp") > 0.4
-    subject = replace(Subject.of(HEAD, HEAD.mean), lit=np.where(hair, 0, 1).astype(np.float32))
-    sideways = subject.geometry[GEOMETRY.index("normal_object_x")]
-    lit_face = SKIN * np.exp(0.6 * cv2.resize(sideways, SIZE, interpolation=cv2.INTER_AREA))[..., None]
-    face = plane("face") > 0.9
-    lights = []
-    with open_network(LIGHT_NETWORK, Engine(threads=2)) as network:
-        assert LIT in network.description.channels
-        for colour in ((0.008, 0.007, 0.006), (0.45, 0.33, 0.18), SKIN):
-            linear = np.where(hair[..., None], np.asarray(colour, np.float32), lit_face).astype(np.float32)
-            planes = Planes(SIZE)
-            planes.add_codes("texture", np.rint(linear_to_srgb(linear) * FULL_CODE).astype(np.uint16))
-            planes.add_coarse(GEOMETRY, subject.geometry)
-            planes.add_coarse(CLUES, subject.clues)
-            lights.append(found_by(network, planes).light)
-    for other in lights[1:]:
-        # Texels of the hairline are shared by both.
-        assert np.abs((other - lights[0])[:, face & ~hair]).mean() < 0.01
-    sides = lights[0].mean(0)[face]
-    right = (np.arange(SIZE[0]) > SIZE[0] / 2) * np.ones((SIZE[1], 1), bool)
-    found = sides[right[face]].mean() - sides[~right[face]].mean()
-    told = np.log(lit_face.mean(2))[face]
-    assert found == pytest.approx(told[right[face]].mean() - told[~right[face]].mean(), rel=0.6), "it sees the face"
 
 
 def test_a_beard_is_shown_and_inpainted_skin_and_the_shadow_of_a_cap_are_not() -> None:

@@ -13,14 +13,12 @@ import numpy as np
 import pytest
 
 from service.archive import reading
-from service.archive.avatar import Avatar
 from service.archive.container import ArchiveFile
 from service.archive.images import encode_png
 from service.archive.obj import read_obj
 from service.archive.pack import archive_members
 from service.archive.reading import described_parts, open_avatar, unpack_map
 from service.errors import BadArchive, BadMesh
-from service.head.model import HeadModel
 from tests.service.archive.toys import toy_avatar
 
 Files = dict[str, bytes]
@@ -49,24 +47,6 @@ def changed(**parts: bytes | None) -> Files:
         else:
             files[path] = data
     return files
-
-
-def test_an_archive_gives_its_mesh_and_maps() -> None:
-    avatar = open_avatar(zipped(dict(members())), ("texture", "diffuse_albedo"))
-    assert set(avatar.maps) == {"texture"}
-    head = toy_avatar()
-    np.testing.assert_allclose(avatar.mesh.vertices, head.fit.vertices, atol=1e-6)
-    as_head = avatar.mesh.as_head("toy", "CC0-1.0")
-    np.testing.assert_array_equal(np.sort(as_head.triangles, 1), np.sort(head.head.triangles, 1)[_order(head, as_head)])
-    np.testing.assert_array_equal(avatar.maps["texture"].codes(), head.texture.texture)
-    assert not avatar.maps["texture"].changed
-
-
-def _order(avatar: Avatar, other: HeadModel) -> np.ndarray:
-    """Rows of the first head's triangles in the order of the second's: polygons are grouped by part in the file."""
-    first, second = (np.sort(head.triangles, 1) for head in (avatar.head, other))
-    places = {tuple(row): index for index, row in enumerate(first.tolist())}
-    return np.array([places[tuple(row)] for row in second.tolist()])
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-import pytest
 
 from service.light.environment import illumination
 from service.light.formulas import Graphs
@@ -14,7 +13,7 @@ from service.light.plan import LightPlan
 from service.light.scene import Environment, PointLight, Scene
 from service.materials.material import Material
 from service.materials.part import MeshPart
-from service.render.recess import Arriving, Nodes, RecessLight, skin_around
+from service.render.recess import Arriving, RecessLight, skin_around
 from service.render.visibility import Occluders, VisibilityDetail
 from tests.service.render.toys import EVEN, LAMP, scene
 
@@ -85,17 +84,6 @@ def test_a_lamp_is_hidden_as_the_sky_is() -> None:
     brow = np.concatenate([ball(RADIUS_MM), plate((-40, 8, 0), (40, 8, 30))])
     free, under = (lit(POLE, FORWARD, what, scene(None, high)) for what in (ball(RADIUS_MM), brow))
     assert free.lamps[0, 0] > 0.99 and under.lamps[0, 0] < 0.01 and under.irradiance.max() < 0.01
-
-
-@pytest.mark.parametrize("size", [0.0001, 0.004, 0.05])
-def test_what_varies_slowly_is_interpolated_between_few_points(size: float) -> None:
-    rng = np.random.default_rng(3)
-    points = (rng.uniform(0, size, (3000, 3)) * [1, 1, 0]).astype(np.float32)
-    nodes = Nodes.of(points)
-    assert len(nodes.index) <= (size / 0.0006 + 2) ** 2
-    np.testing.assert_allclose(nodes.read(points[nodes.index]), points, atol=0.0007)
-    np.testing.assert_allclose(nodes.weights.sum(1), 1, atol=1e-5)
-    assert nodes.weights.min() >= 0
 
 
 def test_flesh_sends_back_no_more_than_it_receives() -> None:

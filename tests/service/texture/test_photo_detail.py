@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -99,20 +98,6 @@ def test_the_texture_is_as_large_as_the_photo_holds(scene: tuple[Photo, Texture,
 
 
 SHARP, FIT = photograph(HEAD, turned(0, 1000), spots), fitted(HEAD, turned(0, 1000))
-RANDOM = np.random.default_rng(7)
-
-Damage = Callable[[Float32], Float32]
-
-
-def damaged(how: Damage) -> Photo:
-    return Photo(np.rint(np.clip(how(SHARP.pixels.astype(np.float32)), 0, 255)).astype(np.uint8))
-
-
-def upscaled(image: Float32) -> Float32:
-    small = cv2.resize(image, None, fx=1 / 5, fy=1 / 5, interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.resize(small, image.shape[1::-1], interpolation=cv2.INTER_CUBIC))
-
-
 def noise(shape: tuple[int, ...]) -> Float32:
     """Of luma and of colour, as a sensor's at ISO 12800."""
     random = np.random.default_rng(7)
@@ -133,22 +118,6 @@ def own_of(photo: Photo) -> tuple[Texture, OwnDetail]:
     return texture, OwnDetail.of(photo, HEAD, FIT, texture)
 
 
-@pytest.mark.parametrize(
-    ("how", "bound", "tells"),
-    [(upscaled, 1.02, 0.7), (iso_12800, 1.02, 0.6), (blotchy, 1.33, 1.0)],
-)
-def test_a_worse_photo_tells_less_and_the_map_is_not_worse_for_it(how: Damage, bound: float, tells: float) -> None:
-    """Blotchy noise counts as detail in part, as what is measured is noise that differs from pixel to pixel."""
-    texture, own = own_of(damaged(how))
-    before, after = enlarged(texture), enlarged(texture)
-    told = own.onto(after)
-    where, right = seen_by(own), truth()
-    errors = [float(np.abs(codes / 65535 - right)[where].mean()) for codes in (before, after)]
-    assert errors[1] < bound * errors[0], how.__name__
-    good_texture, good = own_of(SHARP)
-    assert told.octaves[1].share <= tells * good.onto(enlarged(good_texture)).octaves[1].share
-
-
 def test_what_glasses_cover_stays_to_the_bit() -> None:
     texture, _ = own_of(SHARP)
     confidence = texture.confidence.copy()
@@ -160,29 +129,6 @@ def test_what_glasses_cover_stays_to_the_bit() -> None:
     place = tuple(slice(int(low * scale), int(high * scale)) for low, high in ((165, 215), (215, 265)))
     assert (before[place] == after[place]).all()
     assert (before != after).any()
-
-
-def test_clipped_light_takes_no_grain_from_the_map() -> None:
-    photo = photograph(HEAD, turned(0, 1000), plain(SKIN))
-    half = photo.pixels.copy()
-    half[:, :500] = 255
-    texture = make_texture(photo, HEAD, FIT, CHART, bare(HEAD, turned(0, 1000)))
-    grain = RANDOM.normal(0, 1500, (*SIZE[::-1], 1))
-    before = np.clip(enlarged(texture) + grain, 0, 65535).astype(np.uint16)
-    after, lit = before.copy(), before.copy()
-    own = OwnDetail.of(photo, HEAD, FIT, texture)
-    replace(own, photo=Photo(half)).onto(after)
-    own.onto(lit)
-
-    def fine(codes: np.ndarray) -> np.ndarray:
-        grey = codes[..., 1].astype(np.float32)
-        return np.asarray(grey - cv2.GaussianBlur(grey, (0, 0), 3))
-
-    x = cv2.resize(np.ascontiguousarray(own.places.pixel[..., 0]), SIZE)
-    lost = seen_by(own) & (x < 470)
-    assert lost.sum() > 1000
-    assert fine(after)[lost].std() == pytest.approx(fine(before)[lost].std(), rel=0.05)
-    assert fine(lit)[lost].std() < 0.7 * fine(before)[lost].std()  # flat skin that is seen is flat in the map
 
 
 def edges(blur: float, noise: float, seed: int = 0, side: int = 400) -> UInt8:

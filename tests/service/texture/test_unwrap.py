@@ -17,7 +17,6 @@ from service.face.reading.part_labels import (
     GLASSES,
     HAIR,
     HAT,
-    IRIS,
     OTHER,
     PARTS,
     SKIN,
@@ -136,17 +135,6 @@ def test_a_frame_is_taken_off_and_the_archive_says_so() -> None:
     assert worn.sum() > 50 and "glasses-removed" in texture.warnings
     off = np.abs(texture.texture[worn] / 255 - TONE).max(1)
     assert (texture.confidence[worn] < SEEN).all() and np.median(off) < 0.05 and off.max() < 0.2, "0.74 with it left in"
-
-
-def test_eyes_are_the_photo_s_where_it_shows_eyes() -> None:
-    """Where lids or lenses are in their place, skin would be printed on the eyeball."""
-    eyes = np.isin(CHART.part, [i for i, name in enumerate(HEAD.part_names) if name.startswith("eye")]) & CHART.mask
-    photo = photograph(HEAD, FRONT, plain((0.9, 0.1, 0.9)))
-    shut, wide = (
-        make_texture(photo, HEAD, FRONT_FIT, CHART, read_off(HEAD, FRONT, lambda p: np.full(len(p), part)))  # noqa: B023
-        for part in (SKIN, IRIS)
-    )
-    assert not (shut.confidence[eyes] >= SEEN).any() and (wide.confidence[eyes] >= SEEN).sum() > 20
 
 
 def test_without_a_reading_the_face_is_taken_from_the_photo_and_nothing_else() -> None:

@@ -10,7 +10,7 @@ import pytest
 from service.face.features.eyes import LASH_ROOTS, SeenRims, eyes_on_rims, lids_on_rims
 from service.face.features.rims import RIMS
 from service.geometry.camera import Camera, exp_rotation
-from service.head.eyeball import SIDES, eyeball
+from service.head.eyeball import SIDES
 from service.head.model import HeadModel
 from service.head.regions import lid_edges
 from tests.service.face.geometry import FOCAL, units
@@ -103,12 +103,6 @@ MM = FOCAL * 1e-3
 """Photo pixels of a millimetre at the eyes, about: the camera is a metre away."""
 
 
-def heights(head: HeadModel, vertices: np.ndarray) -> np.ndarray:
-    """(2,) millimetres of both openings in their middle."""
-    edges = [lid_edges(head, side) for side in SIDES]
-    return np.array([1e3 * edge.height(vertices) for edge in edges if edge is not None])
-
-
 def rims(head: HeadModel, expression: np.ndarray, right_mm: float, up_mm: float, tilt: float = 0.0) -> np.ndarray:
     """(468, 2) landmarks whose rims lie on the edges of the lids, but each moved and turned in the photo."""
     view = camera()
@@ -128,41 +122,6 @@ def placed(
 ) -> np.ndarray:
     """The mean head with its eyes where one photo has them."""
     return eyes_on_rims(head, head.mean, [SeenRims(start, view, landmarks, frozenset(exact))])
-
-
-@pytest.mark.parametrize(
-    ("right_mm", "up_mm", "tilt"), [(0, 0, 0), (0, -2, 0), (2, 1, 0), (0, 0, 0.1), (-1, -1.5, -0.06)]
-)
-@pytest.mark.parametrize("truth", [{"eyeWide": 0.7}, {"eyeBlink": 0.3}, {"eyeSquint": 0.5}])
-def test_an_eye_that_lies_elsewhere_is_opened_as_far(
-    head: HeadModel, truth: dict[str, float], right_mm: float, up_mm: float, tilt: float
-) -> None:
-    """Lids alone cannot follow a rim two millimetres lower: the opening then comes out a millimetre or two narrow."""
-    true = units(head, **truth)
-    landmarks, view, start = rims(head, true, right_mm, up_mm, tilt), camera(), np.zeros(len(true))
-    neutral = placed(head, start, view, landmarks)
-    found = lids(head, neutral, start, view, landmarks, SIDES)
-    vertices = neutral + np.tensordot(found, head.expression, 1)
-    assert np.abs(heights(head, vertices) - heights(head, head.shape(np.zeros(0), true))).max() < 0.6
-    if truth == {"eyeBlink": 0.3}:  # the whole eye lies where the photo has it
-        moved = 1e3 * (neutral - head.mean)
-        for side in SIDES:
-            ball = eyeball(head, neutral, side), eyeball(head, head.mean, side)
-            assert ball[0] is not None and ball[1] is not None
-            assert 1e3 * (ball[0].centre - ball[1].centre)[:2] == pytest.approx([right_mm, up_mm], abs=0.8)
-        sockets = head.mean[head.region("eye_socket") > 0.5][::20]
-        far = np.linalg.norm(head.mean[:, None] - sockets, axis=2).min(1) > 0.05
-        assert far.sum() > 1000 and not moved[far].any()
-
-
-@pytest.mark.parametrize("start", [{}, {"eyeLookDown": 0.8}, {"eyeWide": 0.6, "eyeLookUp": 0.4}])
-def test_a_closed_eye_is_closed(head: HeadModel, start: dict[str, float]) -> None:
-    """Half a millimetre is what the network leaves between closed lids; an iris would be painted there."""
-    landmarks = rims(head, units(head, eyeBlink=0.94), 0.0, -1.0)
-    before = units(head, **start)
-    found = lids(head, head.mean, before, camera(), landmarks, SIDES)
-    assert (found >= 0).all() and (found <= 1).all()
-    assert heights(head, head.shape(np.zeros(0), found)).max() < 0.1
 
 
 def test_what_was_not_read_or_has_no_lids_stays(head: HeadModel) -> None:

@@ -11,7 +11,7 @@ import pytest
 from service.face.features.mouth import ROW, teeth_drop
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
-from tests.service.face.geometry import FOCAL, VIEW
+from tests.service.face.geometry import VIEW
 
 SKIN, TOOTH, LIP, DARK = (200, 150, 130), (225, 215, 200), (150, 80, 80), (30, 15, 15)
 FLESH = np.array(SKIN, np.float32) / np.float32(255)
@@ -40,26 +40,6 @@ def mouth(top: float, bottom: float, *rows: tuple[float, float]) -> np.ndarray:
     for begin, end in rows:
         cv2.rectangle(photo, (430, int(begin)), (570, int(end)), TOOTH, -1)
     return photo
-
-
-@pytest.mark.parametrize("lower_mm", [0.0, 1.0, 3.0])
-def test_the_row_goes_down_to_where_teeth_end(head: HeadModel, lower_mm: float) -> None:
-    """A black band between teeth and lower lip is no smile."""
-    edge = edge_px(head)
-    top, bottom = edge - 14, edge + 22
-    photo = mouth(top, bottom, (top, edge + lower_mm * FOCAL / 1e3))
-    drop = teeth_drop(photo, head.mean[part_vertices(head, ROW)], VIEW, rim(top, bottom), FLESH)
-    assert drop * 1e3 == pytest.approx(lower_mm, abs=0.4)
-
-
-def test_the_lower_row_is_not_taken_for_the_upper_ones_end(head: HeadModel) -> None:
-    edge = edge_px(head)
-    top, bottom = edge - 14, edge + 40
-    photo = mouth(top, bottom, (top, edge + 2), (edge + 10, bottom))
-    teeth = head.mean[part_vertices(head, ROW)]
-    assert teeth_drop(photo, teeth, VIEW, rim(top, bottom), FLESH) * 1e3 < 1.3
-    touching = mouth(top, bottom, (top, bottom))
-    assert teeth_drop(touching, teeth, VIEW, rim(top, bottom), FLESH) == 0.0, "two rows in one"
 
 
 @pytest.mark.parametrize(

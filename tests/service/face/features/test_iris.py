@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service.face.features.eyes import Gaze, find_gaze, with_gaze
+from service.face.features.eyes import Gaze
 from service.face.features.iris import RESOLVED_IRIS_PX, Iris, pupil_radius, search
 from service.face.features.rims import RIMS
 from service.geometry.camera import Camera, exp_rotation
@@ -96,48 +96,6 @@ def scene(
         if side not in hide:
             draw(image, rim, pole, 8.8, (70, 50, 35))
     return image, landmarks, camera
-
-
-@pytest.mark.parametrize("yaw", [0.0, 25.0])
-@pytest.mark.parametrize("angles", [(0.0, 0.0), (15.0, 4.0), (-12.0, -8.0)])
-def test_gaze_comes_back(head: HeadModel, yaw: float, angles: tuple[float, float]) -> None:
-    image, landmarks, camera = scene(head, Gaze(*angles), yaw)
-    found = find_gaze(image, landmarks, head, head.mean, camera)
-    assert found is not None and len(found.irises) == 2
-    assert abs(found.yaw_deg - angles[0]) < 3
-    assert abs(found.pitch_deg - angles[1]) < 5
-
-
-def test_one_eye_is_enough_and_none_is_said(head: HeadModel) -> None:
-    image, landmarks, camera = scene(head, Gaze(10.0, 0.0), 0.0, hide=("right",))
-    one = find_gaze(image, landmarks, head, head.mean, camera)
-    assert one is not None and len(one.irises) == 1 and abs(one.yaw_deg - 10) < 3
-    image, landmarks, camera = scene(head, Gaze(10.0, 0.0), 0.0, hide=SIDES)
-    assert find_gaze(image, landmarks, head, head.mean, camera) == Gaze(0.0, 0.0)
-    landmarks[:] = np.nan
-    assert find_gaze(image, landmarks, head, head.mean, camera) == Gaze(0.0, 0.0)
-
-
-@pytest.mark.parametrize("angles", [(0.0, 0.0), (12.0, 5.0), (-15.0, -10.0)])
-def test_eyes_are_turned_and_lids_stay(head: HeadModel, angles: tuple[float, float]) -> None:
-    """The units of the gaze pull the lids along; the photo has already said where those are."""
-    before = np.zeros(len(head.expression_names))
-    for name, value in (("eyeBlinkLeft", 0.3), ("eyeBlinkRight", 0.3), ("eyeLookUpLeft", 0.2), ("jawOpen", 0.4)):
-        before[head.expression_names.index(name)] = value
-    after = with_gaze(head, head.mean, before, Gaze(*angles))
-    assert ((after >= 0) & (after <= 1)).all()
-    assert after[head.expression_names.index("jawOpen")] == before[head.expression_names.index("jawOpen")]
-    was, now = head.shape(np.zeros(0), before), head.shape(np.zeros(0), after)
-    for side in SIDES:
-        own = np.unique(head.triangles[head.triangle_part == head.part_names.index(f"eye_{side}")])
-        pole = own[np.argmax(head.mean[own, 2])]
-        ball = eyeball(head, head.mean, side)
-        assert ball is not None
-        x, y, z = now[pole] - ball.centre
-        assert abs(np.degrees(np.arctan2(x, z)) - angles[0]) < 2.5
-        assert abs(np.degrees(np.arctan2(y, np.hypot(x, z))) - angles[1]) < 2.5
-        lids = head.region(f"eyelid_{side}") > 0.5
-        assert np.sqrt(((was - now)[lids] ** 2).sum(1).mean()) < 1e-3
 
 
 BLUE, BROWN, BLACK = (110, 140, 150), (88, 58, 40), (24, 18, 16)

@@ -70,16 +70,6 @@ def test_a_closed_mouth_is_closed(head: HeadModel, wrong: dict[str, float], apar
     assert (after >= 0).all() and (after <= 1).all()
 
 
-def test_an_open_mouth_stays_open_and_is_brought_to_its_height(head: HeadModel) -> None:
-    """Whether teeth are seen in it or not, if it is wide; closed by mistake it would swallow them."""
-    true = units(head, jawOpen=0.25, mouthUpperUp=0.4)
-    start = units(head, jawOpen=0.25)
-    for teeth in (True, False):
-        after = lips(head, head.mean, start, VIEW, rim(head, true, 2.0), teeth_seen=teeth)
-        assert gap_mm(head, after) == pytest.approx(gap_mm(head, true), abs=1.0)
-        assert abs(gap_mm(head, after) - gap_mm(head, true)) < 0.6 * abs(gap_mm(head, start) - gap_mm(head, true))
-
-
 def test_what_cannot_be_read_changes_nothing(head: HeadModel) -> None:
     """A mouth without a width, landmarks that are not numbers, a head without lips or seen from behind."""
     before = units(head, mouthUpperUp=0.3)
@@ -93,30 +83,6 @@ def test_what_cannot_be_read_changes_nothing(head: HeadModel) -> None:
     assert lip_edges(toy) is None
     wild = lips(head, head.mean, before, VIEW, good * [[1.0, 1e6]], teeth_seen=True)
     assert np.isfinite(wild).all() and (wild >= 0).all() and (wild <= 1).all()
-
-
-@pytest.mark.parametrize("jaw", [0.0, 0.3])
-def test_a_shut_mouth_seals(head: HeadModel, jaw: float) -> None:
-    """Units that press or roll the lips cannot seal them: a line of teeth was left between shut lips."""
-    before = units(head, mouthUpperUp=0.2, mouthLowerDown=0.2, jawOpen=jaw)
-    shut = rim(head, units(head))
-    found = lips(head, head.mean, before, VIEW, shut, teeth_seen=True, exact=True)
-    upper, lower = opening(head, found)
-    assert (lower - upper).max() < 0.2e-3 * FOCAL
-
-
-@pytest.mark.parametrize("jaw", [0.5, 0.8])
-def test_the_jaw_opens_a_mouth_whose_edges_were_read(head: HeadModel, jaw: float) -> None:
-    """Lips alone open a mouth by some millimetres; a fit whose jaw lags behind left shouts half shut."""
-    true = units(head, jawOpen=jaw)
-    start = units(head, jawOpen=0.4 * jaw)
-    wide = gap_mm(head, true)
-    exact, loose = (
-        gap_mm(head, lips(head, head.mean, start, VIEW, rim(head, true), teeth_seen=True, exact=given))
-        for given in (True, False)
-    )
-    assert exact == pytest.approx(wide, abs=1.5)
-    assert loose < wide - 2.5
 
 
 def test_a_mouth_that_is_said_to_be_shut_is(head: HeadModel) -> None:

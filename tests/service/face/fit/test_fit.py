@@ -9,7 +9,7 @@ from service.colour import linear_to_srgb, to_bytes
 from service.errors import FitFailed
 from service.face.finder import Face
 from service.face.fit.fit import FitSettings
-from service.face.fit.fit_face import as_seen_side, fit_face
+from service.face.fit.fit_face import fit_face
 from service.face.fit.landmark_fit import LandmarkModel
 from service.geometry.camera import Camera, exp_rotation
 from service.geometry.mesh import vertex_normals
@@ -127,17 +127,6 @@ def test_pixel_stage_of_a_blank_photo_keeps_the_landmark_fit(head: HeadModel, le
     a = fit_face(face, blank, head)
     b = fit_face(face, blank, head, FitSettings(refine="landmarks"))
     assert np.abs(a.vertices - b.vertices).max() < 2e-3
-
-
-def test_the_hidden_half_of_a_profile_does_what_the_seen_half_does(head: HeadModel) -> None:
-    """The landmark network guesses its eye, often shut: a profile would wink. On other faces both halves are told."""
-    shut = np.array([float(name == "eyeBlinkLeft") for name in head.expression_names])
-    left, right = (head.expression_names.index(f"eyeBlink{side}") for side in ("Left", "Right"))
-    _, _, profile, _ = make(head, yaw=80)
-    hides_left = profile.rotation[2, 0] > 0
-    out = as_seen_side(head, shut, profile)
-    assert out[left] == out[right] == (0.0 if hides_left else 1.0)
-    assert as_seen_side(head, shut, make(head, yaw=30)[2]) is shut
 
 
 def test_zero_area_triangles_do_no_harm(head: HeadModel) -> None:

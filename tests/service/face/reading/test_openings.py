@@ -64,16 +64,6 @@ def network(*known: Known) -> OpeningsNetwork:
     return OpeningsNetwork(dict(zip((kind.name for kind in KINDS), known, strict=True)))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.7, 3.0])
-def test_heights_stand_across_the_corners(angle: float) -> None:
-    found = network(Known(0.2, -0.1), Known(0.1, -0.1))(PHOTO, face(angle))
-    assert set(found) == {"right", "left", "mouth"}
-    cos, sin = np.cos(angle), np.sin(angle)
-    level = (found["right"].upper - 160) @ np.array([[cos, sin], [-sin, cos]]).T + 160
-    assert np.allclose(level[:, 1], 100 - 0.2 * 60, atol=1e-6)
-    assert np.allclose(level[:, 0], 70 + 60 * STATIONS, atol=1e-6)
-
-
 def test_outer_corners_stay_outer_on_both_sides() -> None:
     """The left eye is read mirrored: what the network says of the outer corner must not land on the inner one."""
     rising = Known(np.linspace(0.0, 0.2, 9), 0.0)

@@ -11,12 +11,10 @@ from service.errors import NumericFault
 from service.face.reading.part_labels import BACKGROUND, HAIR, PARTS, SKIN
 from service.face.reading.reader import (
     CELLS,
-    LEAST_RATE,
     PART_CELLS,
     PERSON_SIDE,
     PersonNetwork,
     Reading,
-    error_rates,
     parts_at_pixels,
     with_person,
 )
@@ -89,29 +87,8 @@ def test_a_network_that_sees_the_same_everywhere_changes_nothing(value: float) -
     np.testing.assert_allclose(after.around.parts, before.around.parts, atol=1e-6)
 
 
-def test_error_rates_are_those_of_the_photo() -> None:
-    parts = np.zeros((8, 8, len(PARTS)), np.float32)
-    parts[:4, :, SKIN], parts[4:, :, BACKGROUND] = 1.0, 1.0
-    person = np.zeros((8, 8), np.float32)
-    person[:3], person[6] = 1.0, 0.5
-    inside = np.ones((8, 8), bool)
-    assert error_rates(parts, person, inside) == pytest.approx((0.25, 0.125))
-    inside[6] = False
-    assert error_rates(parts, person, inside)[1] == pytest.approx(LEAST_RATE), "black beyond the photo tells nothing"
-    assert error_rates(parts, person, np.zeros((8, 8), bool)) == (0.5, 0.5), "without a cell: no division by zero"
-
-
 def test_without_numbers_the_reading_stays_and_the_log_says_so(caplog: pytest.LogCaptureFixture) -> None:
     before = reading(150, reading(200))
     with caplog.at_level(logging.WARNING):
         assert with_person(PIXELS, before, PersonNetwork(Faulty())) is before  # type: ignore[arg-type]
     assert "not told from the background" in caplog.text and "NaN" in caplog.text
-
-
-def test_the_shipped_network_finds_the_astronaut() -> None:
-    from export.faces.probes import SAMPLE_FACE, sample_photo
-
-    x0, y0, x1, y1 = SAMPLE_FACE
-    seen = PersonNetwork()(sample_photo(), Region((x0 + x1) / 2, (y0 + y1) / 2 + 30, 320.0))
-    assert seen.shape == (PERSON_SIDE, PERSON_SIDE) and seen[120:136, 120:136].min() > 0.9, "the face"
-    assert seen.min() >= 0 and seen.max() <= 1 and seen[:40, :40].max() < 0.1, "the corner behind it"

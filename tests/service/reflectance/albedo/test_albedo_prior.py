@@ -24,19 +24,6 @@ def toy(noise: float = 0.1) -> AlbedoPrior:
     return AlbedoPrior(np.full((3, H, W), -1.0, np.float32), component, noise, np.ones((H, W), np.float32))
 
 
-def test_the_unseen_half_follows_from_the_seen_one() -> None:
-    """The coefficient of a single component is a ratio of sums: b / (a + noise^2) of the seen texels."""
-    prior, lit = toy(), np.zeros((H, W), np.float32)
-    lit[:, : W // 2] = 1
-    seen = np.full((3, H, W), -1.0 + 0.5 * 1.4, np.float32)
-    seen[..., W // 2 :] = 77.0
-    count = 3 * H * W / 2
-    coefficient = count * 0.25 * 1.4 / (count * 0.25 + 0.1**2)
-    made = prior.complete(seen, lit)
-    assert made[..., : W // 2] == pytest.approx(-1.0 + 0.5 * coefficient, abs=1e-5)
-    assert made[..., W // 2 :] == pytest.approx(-1.0 + coefficient, abs=1e-5)
-
-
 def test_a_file_that_is_none_is_said(tmp_path: Path) -> None:
     with pytest.raises(ModelFault, match=r"prior\.npz"):
         AlbedoPrior.read(tmp_path / "prior.npz")
@@ -77,16 +64,3 @@ def test_the_prior_in_the_box_is_of_the_head_in_the_box() -> None:
         assert redness[lips].mean() > redness[cheek].mean()
         assert made[:, ear].mean() == pytest.approx(level, abs=0.5)
     assert FILE.is_file()
-
-
-def test_no_beard_grows_where_the_photo_shows_none() -> None:
-    """What is left of shade on a jaw is likeliest a beard, if there may be one: women were given beards."""
-    chart = Chart.build(load_head(None), 288, 192)
-    grows = chart.interpolate(vertex_mask(chart.head, "beard"))[..., 0] * chart.mask
-    face = chart.interpolate(vertex_mask(chart.head, "face"))[..., 0] * chart.mask
-    seen = np.asarray(face * (np.abs(np.arange(288) + 0.5 - 144) < 40)[None], np.float32)
-    hidden = (grows > 0.5) & (seen == 0)
-    tone = np.full((3, 192, 288), -1.0, np.float32) + np.array([0.25, 0.0, -0.2], np.float32)[:, None, None]
-    shaded = tone - 0.5 * np.asarray(grows, np.float32)
-    darker = {b: float((albedo_prior(b).complete(shaded, seen) - tone)[:, hidden].mean()) for b in (True, False)}
-    assert darker[False] > darker[True] + 0.1 and darker[False] > -0.4

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.colour import LUMA
 from service.reflectance.albedo.light_corrections import (
     FEW,
-    REDDEST,
-    YELLOWEST,
     as_seen_skin,
     continued,
     less_contrast,
-    seamless,
     with_shade_floor,
     within_skin,
 )
@@ -38,37 +34,10 @@ def seen(albedo: tuple[float, float, float]) -> np.ndarray:
     return np.full((3, 12, 16), np.array(albedo)[:, None, None] * np.exp(-1.0), np.float32)
 
 
-def hue_of(linear: np.ndarray, light: np.ndarray) -> tuple[float, float]:
-    """Log of red over green and of green over blue of the albedo."""
-    red, green, blue = (float(np.median(np.log(linear[i]) - light[i])) for i in range(3))
-    return red - green, green - blue
-
-
 def test_skin_of_every_usual_tone_stays_bit_for_bit() -> None:
     """CIELAB of fair, tan, brown and dark skin as spectrophotometers find it, and a grey photo."""
     for albedo in ((0.53, 0.30, 0.22), (0.41, 0.23, 0.15), (0.32, 0.15, 0.09), (0.15, 0.07, 0.045), (0.3, 0.3, 0.3)):
         assert (within_skin(DARK_LIGHT, seen(albedo), LIT) == DARK_LIGHT).all(), albedo
-
-
-def test_what_is_beyond_skin_is_the_lights() -> None:
-    """Under a red lamp the network left a fair face with 3.3 times as much red as green."""
-    linear = seen((0.50, 0.15, 0.06))
-    red, yellow = hue_of(linear, within_skin(DARK_LIGHT, linear, LIT))
-    assert REDDEST[0] < red < REDDEST[1] - 0.1 and YELLOWEST[0] < yellow < YELLOWEST[1] - 0.1
-    lights = (DARK_LIGHT, within_skin(DARK_LIGHT, linear, LIT))
-    before, after = (LUMA @ (linear * np.exp(-light))[:, 0, 0] for light in lights)
-    assert 0.8 * before < after < before
-
-
-def test_lips_brows_and_what_is_not_lit_do_not_matter() -> None:
-    linear = seen((0.53, 0.30, 0.22))
-    linear[:, :4] = np.array([0.5, 0.05, 0.05])[:, None, None]
-    assert (within_skin(DARK_LIGHT, linear, LIT) == DARK_LIGHT).all()
-    linear[:, :10] = np.array([0.5, 0.05, 0.05])[:, None, None]
-    lit = LIT.copy()
-    lit[:10] = 0
-    lit[10:] = 0.4
-    assert (within_skin(DARK_LIGHT, linear, lit) == DARK_LIGHT).all()
 
 
 def test_black_or_hardly_any_skin_gives_no_logarithm_of_zero() -> None:
@@ -98,16 +67,6 @@ def test_nothing_seen_and_all_seen_change_nothing() -> None:
     assert np.allclose(continued(light, np.ones((20, 30), np.float32)), light, atol=1e-5)
 
 
-def test_light_meets_itself_at_the_seam() -> None:
-    """Left and right border, and both halves of the upper one, are the same places; the face stays as it is."""
-    light = np.random.default_rng(0).normal(size=(3, 96, 144)).astype(np.float32).cumsum(2) * np.float32(0.1)
-    made = seamless(light)
-    for edge in (made[:, :, :1] - made[:, :, -1:], made[:, :1] - made[:, :1, ::-1]):
-        assert np.abs(edge).max() < 0.02 * np.abs(light[:, :, :1] - light[:, :, -1:]).max()
-    assert np.array_equal(made[:, 14:, 22:-22], light[:, 14:, 22:-22])
-    assert np.array_equal(seamless(light[:, :1, :1]), light[:, :1, :1])
-
-
 def _half_seen(shade: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Texture, light as a network may find it, and lit skin: the left half of a face, made up on in shade."""
     lit = np.zeros(CONTEXT_SHAPE, np.float32)
@@ -127,24 +86,6 @@ def test_made_up_skin_is_as_fair_as_the_seen_whatever_shade_was_continued() -> N
         unmended = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - goes_on[:, :, 84:])
         assert away.max() < 0.02 < 0.5 < unmended.min()
         assert np.array_equal(made[:, :, :60], goes_on[:, :, :60]), "seen skin keeps its light"
-
-
-def test_a_beard_that_ends_where_the_photo_does_goes_on() -> None:
-    """A beard tells no light and is no lit skin: filled from lit skin alone, the chin below it came out bare."""
-    texture, light, lit = _half_seen(-0.3)
-    beard = np.zeros(CONTEXT_SHAPE, np.float32)
-    beard[50:80, 40:72] = 1  # below the eyes, up to the border of what is seen
-    bearded = texture * np.exp(-1.5 * beard)
-    skin = lit * (1 - beard)
-    goes_on = continued(light, skin)
-    beyond = (slice(None), slice(60, 70), slice(74, 78))
-    darker = {}
-    for name, shown in (("heeded", lit), ("not heeded", skin)):
-        made = as_seen_skin(goes_on, bearded, light, skin, 1 - lit, shown)
-        darker[name] = float(np.log(bearded * np.exp(-made) / ALBEDO)[beyond].mean())
-        far = np.log(bearded * np.exp(-made) / ALBEDO)[:, :10, 84:]
-        assert np.abs(far).max() < 0.2, "bare skin far from the beard stays bare"
-    assert darker["heeded"] < -0.7 and abs(darker["not heeded"]) < 0.1
 
 
 def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:

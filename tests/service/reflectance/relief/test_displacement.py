@@ -19,7 +19,6 @@ from service.reflectance.relief.displacement import (
     displacement,
     encode_heights,
     join,
-    pad_heights,
     slopes,
 )
 from service.reflectance.translate import pack_normals
@@ -148,19 +147,6 @@ def test_a_cliff_stays_local_and_within_the_clamp() -> None:
     assert np.sqrt(np.mean((gap - gap.mean()) ** 2)) < 0.02
 
 
-def test_a_border_of_the_chart_does_not_curl() -> None:
-    """Half of the map outside the surface, with nonsense in it: the relief inside is that without the border."""
-    height, along, across = pores(*places())
-    mask = ALL.copy()
-    mask[:, 180:] = False
-    along[:, 185:], across[:, 185:] = 5.0, -5.0
-    found, _ = displacement(codes(along, across), steps(), mask)
-    assert (found[~mask] == 0).all()
-    expected = np.where(mask, height, 0)
-    expected = (expected - coarse_part(expected, mask, steps())) * mask
-    assert np.sqrt(np.mean((found - expected)[mask] ** 2)) < 0.06 * height.std()
-
-
 def test_flat_normals_in_eight_bits_stay_flat() -> None:
     """Coded as n/2 + 1/2 over 255, zero would decode to a slope of 0.004: a ramp of 0.1 mm over this patch."""
     flat = np.zeros((HEIGHT, WIDTH, 3), np.float32)
@@ -169,18 +155,6 @@ def test_flat_normals_in_eight_bits_stay_flat() -> None:
     found, _ = displacement(pack_normals(*np.moveaxis(decoded, 2, 0)), steps(), ALL)
     assert np.abs(found).max() == 0
     assert (encode_heights(found) == MID).all()
-
-
-def test_heights_go_on_beyond_the_border_but_not_into_other_parts() -> None:
-    """A renderer that filters between texels would otherwise see a step at the border of an island."""
-    height = np.zeros(ALL.shape, np.float32)
-    surface, outside = np.zeros_like(ALL), np.zeros_like(ALL)
-    surface[:, :100], outside[:, 100:] = True, True
-    outside[50:60, 100:] = False
-    height[surface] = 0.4
-    pad_heights(height, surface, outside)
-    np.testing.assert_allclose(height[:40, :109], 0.4, rtol=1e-5)
-    assert not height[:, 109:].any() and not height[50:60, 100:].any()
 
 
 SIZE = (384, 256)
