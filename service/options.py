@@ -204,7 +204,7 @@ class Options(Checked):
         return FitSettings(refine=self.fit, identity_components=self.identity_components, iterations=self.iterations)
 
     def uncorrected(self) -> Options:
-        """The same for all that only corrections tell apart."""
+        """Options without corrections: equal for all heads that only corrections tell apart."""
         return replace(self, **{name: type(self).__dataclass_fields__[name].default for name in CORRECTIONS})
 
     def asked_hair(self) -> AskedHair:

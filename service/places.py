@@ -75,16 +75,16 @@ class Stream(io.BufferedIOBase):
             return bytes(self._file.read(-1 if size is None else size))
 
     def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        """As of any file."""
+        """Move to an offset; returns the place."""
         with translated(missing=False):
             return int(self._file.seek(offset, whence))
 
     def tell(self) -> int:
-        """As of any file."""
+        """The place in the file, bytes."""
         return int(self._file.tell())
 
     def close(self) -> None:
-        """As of any file."""
+        """Close the file of the store."""
         self._file.close()
         super().close()
 

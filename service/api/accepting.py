@@ -75,7 +75,7 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
     Args:
         context: of the application.
         tenant: who sent it.
-        key: of :func:`idempotency_key`.
+        key: of :func:`sent_key`.
         upload: the photo and what was said beside it.
         trace: header ``traceparent``.
 
@@ -158,7 +158,7 @@ def admit(context: Context, tenant: Tenant, key: str | None) -> None:
 
 
 @contextlib.contextmanager
-def place(context: Context, tenant: Tenant) -> Iterator[None]:
+def upload_place(context: Context, tenant: Tenant) -> Iterator[None]:
     """One of the uploads that are received at the same time.
 
     Where there are keys, a tenant gets at most half of the places that the others leave, so that there is always one
@@ -194,7 +194,7 @@ def _digest(upload: Upload, options: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def idempotency_key(request: Request) -> str | None:
+def sent_key(request: Request) -> str | None:
     """The header of that name, None without one.
 
     Raises:

@@ -62,7 +62,7 @@ class _Page(StaticFiles):
     """Files that a browser may keep, and has to ask about each time: a new version is seen at once."""
 
     def file_response(self, *arguments: Any, **named: Any) -> Response:
-        """As it is, with ``Cache-Control``."""
+        """The answer with a static file, with ``Cache-Control``."""
         answer = super().file_response(*arguments, **named)
         answer.headers["Cache-Control"] = "no-cache"
         return answer

@@ -15,7 +15,7 @@ from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
-from service.api.accepting import accept, admit, erase, idempotency_key, place
+from service.api.accepting import accept, admit, erase, sent_key, upload_place
 from service.api.context import JOB_ID, Asking, Context, Here, Json
 from service.api.front import host_name, is_head
 from service.api.keys import ANYBODY, LOOPBACK
@@ -51,9 +51,9 @@ async def post(request: Request, tenant: Asking, context: Here) -> Response:
     a photo that cannot be used. 413: more bytes than a photo, or all together, may have. 415: no photo, by its first
     bytes.
     """
-    key = idempotency_key(request)
+    key = sent_key(request)
     await run_in_threadpool(admit, context, tenant, key)
-    with place(context, tenant):
+    with upload_place(context, tenant):
         async with received(request, context.settings, context.limits.max_bytes) as upload:
             row = await accept(context, tenant, key, upload, traceparent(request.headers))
     body = job_json(row)
@@ -93,7 +93,7 @@ def _shown(row: Row) -> dict[str, Any]:
 
 @router.get("/{job}", response_model=Job, operation_id="get_avatar", summary="State of a job.")
 def state(job: str, tenant: Asking, context: Here) -> Response:
-    """The same JSON as in events."""
+    """State of a job, the same JSON as in its events."""
     row = context.job(job, tenant)
     return Json(_shown(row), 200, {} if row["state"] in FINAL else {"Retry-After": "1"})
 

@@ -118,7 +118,7 @@ FRESH = 20.0
 
 
 class Context:
-    """Everything a request may need.
+    """What requests are answered with: settings, database, files.
 
     Args:
         settings: of the server.

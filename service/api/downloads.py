@@ -156,7 +156,7 @@ async def _pieces(context: Context, artifact: str, start: int, count: int) -> As
 
 
 def media_type(name: str) -> str:
-    """Of a file by the end of its name."""
+    """Media type of a file by the end of its name."""
     return TYPES.get(name.rpartition(".")[2], OTHER)
 
 

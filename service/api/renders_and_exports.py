@@ -202,7 +202,7 @@ def routes(kind: Kind, schema: type[BaseModel], what: str, headers: Callable[[Ro
 
     @router.delete(address, status_code=204, operation_id=f"delete_{kind.name}", summary=f"Cancel or erase a {what}.")
     def delete(tenant: Asking, context: Here, job: str = job_id) -> Response:
-        """As for an avatar."""
+        """Cancel the job or erase its result, as for an avatar."""
         erase(context, job, tenant, kind.name)
         return Response(status_code=204)
 

@@ -50,7 +50,7 @@ class Node:
     space: str | None = None
 
     def shader(self) -> Shader:
-        """As a prim of USD."""
+        """The node as a shader prim of USD."""
         values: dict[str, Value] = {}
         for name, (kind, value) in self.inputs.items():
             values[f"{_USD_TYPES.get(kind, kind)} {name}"] = Asset(str(value)) if kind == "filename" else value

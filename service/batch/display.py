@@ -49,7 +49,7 @@ class Lines:
         self._next = 0.0
 
     def __call__(self, made: int, failed: int, photos: int, seconds: float) -> None:
-        """See ``Display``."""
+        """Show the progress as a line now and then; see ``Display``."""
         if time.monotonic() >= self._next or made + failed == photos:
             self._next = time.monotonic() + EVERY_S
             typer.echo(f"avatarme: {progress_words(made, failed, photos, seconds)}", err=True)

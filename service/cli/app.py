@@ -61,7 +61,7 @@ class Commands(TyperGroup):
 
 
 def _docstring(name: str) -> str:
-    """Of a command, from its module's source."""
+    """Docstring of a command, from its module's source."""
     source = ast.parse((Path(__file__).parent / f"{COMMANDS[name]}.py").read_text("utf-8"))
     found = next(one for one in source.body if isinstance(one, ast.FunctionDef) and one.name == name)
     return ast.get_docstring(found) or ""

@@ -87,7 +87,7 @@ class HairColour:
 
     @classmethod
     def of(cls, melanin: Melanin, strands: int, rng: np.random.Generator) -> HairColour:
-        """Of strands without dye."""
+        """Colour of strands without dye."""
         return cls(melanin.amounts(strands, rng), np.zeros(3, np.float32))
 
     @property

@@ -41,7 +41,7 @@ class OpeningEdges:
     lower: tuple[Int64, ...]
 
     def height(self, vertices: AnyFloat) -> float:
-        """Of the opening in its middle, along y, in the unit of vertices (V, 3); negative where the edges overlap."""
+        """Height of the opening in its middle along y, in the unit of vertices (V, 3); negative where edges overlap."""
         x = vertices[np.concatenate(self.upper + self.lower), 0]
         middle = 0.5 * (float(x.min()) + float(x.max()))
         upper, lower = ([_at(vertices[row], middle) for row in rows] for rows in (self.upper, self.lower))

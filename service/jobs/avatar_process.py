@@ -42,8 +42,8 @@ def run(task: Task, reporter: Reporter) -> None:
     stages: StageCache = NoCache()
     if task.artifacts:
         stages = KeptStages(
-            Artifacts(task.artifacts), task.stages or task.job, basis(task), kept_types(pipeline), Path(task.scratch),
-            finished=reporter.kept, mapped=task.tight,
+            Artifacts(task.artifacts), task.stages or task.job, cache_basis(task), kept_types(pipeline),
+            Path(task.scratch), finished=reporter.kept, mapped=task.tight,
         )  # fmt: skip
     asked = dict(task.options)
     head = asked.pop(HEAD, None)
@@ -70,7 +70,7 @@ def options_from(values: Any) -> Options:
     return TypeAdapter(Options).validate_python(values)
 
 
-def basis(task: Task) -> str:
+def cache_basis(task: Task) -> str:
     """What the results of all stages depend on, and how they are written: program, data files, photo, and the options
     that no correction changes.
     """

@@ -153,7 +153,7 @@ class _Hashed:
         self.digest = hashlib.sha256()
 
     def write(self, data: bytes) -> int:
-        """As of a file."""
+        """Write bytes, and add them to the digest."""
         self.digest.update(data)
         return self._stream.write(data)
 

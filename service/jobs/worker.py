@@ -108,7 +108,7 @@ class Worker:
             self._janitor.take_over(dead)
 
     def reconcile(self) -> None:
-        """As :meth:`Janitor.reconcile`."""
+        """Bring jobs and their workflows into line, see :meth:`Janitor.reconcile`."""
         self._janitor.reconcile(working=self._fault is None)
 
     def recheck(self) -> None:

@@ -25,7 +25,7 @@ VARIABLE = "AVATARME_BLENDER"
 
 
 def write_blender_kit(source: ArchiveFile, folder: Path) -> list[Path]:
-    """Everything that the script needs, and the script."""
+    """Write the files that Blender's script needs, and the script."""
     from service.kits.source import extract, kit_facts, write, write_light
 
     written = extract(source, folder, ("maps/", "mesh/head.usda", "mesh/hair.usda", "LICENSES.md"))
@@ -102,7 +102,7 @@ class Kit:
     scene: Path | None
 
     def facts(self) -> dict[str, Any]:
-        """As JSON values."""
+        """What the kit holds, as JSON values."""
         return {
             "folder": str(self.folder),
             "files": [str(path.relative_to(self.folder)) for path in self.files],

@@ -115,7 +115,7 @@ def _looks_like(data: bytes, brand: bytes) -> str:
 
 
 def open_container(data: bytes, limits: Limits) -> Container:
-    """Everything that is done before decoding: the format, its container and the size that it states.
+    """Read an image file's format, container and stated size, without decoding.
 
     Raises:
         UnreadableInput: one of its subclasses, as for ``gate.read_photo``.

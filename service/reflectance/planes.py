@@ -37,7 +37,7 @@ def interpolated(plane: Float32, size: tuple[int, int], rows: Indices, columns: 
 
 
 def interpolate_into(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:
-    """The same as :func:`interpolated`, written into an existing plane."""
+    """Write what :func:`interpolated` returns into an existing plane."""
     down, across = Fraction(size[1], plane.shape[0]), Fraction(size[0], plane.shape[1])
     if max(down.denominator, across.denominator) > MOST_PERIOD or not into.size:
         into[...] = _interpolated_anywhere(plane, size, rows, columns)

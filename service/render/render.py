@@ -77,7 +77,7 @@ class RenderedPicture:
     timings_s: dict[str, float]
 
     def facts(self) -> dict[str, Any]:
-        """As JSON values."""
+        """How the picture was made, as JSON values."""
         camera = self.camera
         return {
             "width": camera.width,

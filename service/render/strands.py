@@ -67,7 +67,7 @@ class HairVolume:
 
     @classmethod
     def of(cls, parts: Sequence[DrawnPart], vertices: AnyFloat, triangles: AnyInt) -> HairVolume | None:
-        """Of a head's parts; None where none of them is hair.
+        """The volume of the hair among a head's parts; None where none of them is hair.
 
         Args:
             parts: those with anisotropy are hair.

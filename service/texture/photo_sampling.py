@@ -56,7 +56,7 @@ class Places:
 
     @classmethod
     def of(cls, head: HeadModel, fit: Fit) -> Places:
-        """Of a fitted head."""
+        """Places of a fitted head."""
         chart = Chart.build(head, *SIZE)
         before = fit.camera.to_camera(fit.vertices)[:, 2] > NEAREST_M
         pixels = np.where(before[:, None], fit.camera.project(fit.vertices), 0.0)
@@ -106,7 +106,7 @@ class Reader:
 
     @classmethod
     def of(cls, photo: Photo, places: Places, size: tuple[int, int]) -> Reader:
-        """Of a map of ``size``; as many levels are made as its texels need."""
+        """A reader for a map of ``size``; as many levels are made as its texels need."""
         ratio = places.finest.shape[1] / size[0]
         largest = float(places.finest.max(initial=0.0)) * ratio
         count = int(np.ceil(np.log2(max(largest, 1.0))))

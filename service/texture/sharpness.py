@@ -32,7 +32,7 @@ QUIET = 1 / 255 / np.sqrt(12)
 
 @dataclass(frozen=True)
 class Sharpness:
-    """Of a photo, about its face.
+    """How sharp a photo is about its face.
 
     Attributes:
         blur: standard deviation of the point spread function, pixels.
@@ -68,7 +68,7 @@ class Sharpness:
 
 
 def measure_sharpness(face: UInt8, steps: Float32 | None = None) -> Sharpness:
-    """Of a crop (h, w, 3) sRGB of the photo that holds the face; a crop too small to tell counts as blurred."""
+    """Sharpness of a crop (h, w, 3) sRGB that holds the face; a crop too small to tell counts as blurred."""
     if min(face.shape[:2]) < 16:
         return Sharpness(UNKNOWN_BLUR, 0.01, steps)
     grey = luma(face.astype(np.float32)) * np.float32(1 / 255)

@@ -34,12 +34,12 @@ from service.texture.unwrap import (
     Unwrapped,
     Zones,
     covered,
-    grown,
     parts_at,
     parts_of_face,
     segment,
     shows_opening,
     unwrap,
+    widened,
     worn_before,
 )
 
@@ -314,7 +314,7 @@ def _layer(
     hidden = covered(part, zones, bald=bald)
     if cover is not None:
         hidden = np.maximum(hidden, cover)
-    hidden = np.maximum(grown(chart, hidden) if bald else hidden, shows_opening(part, zones))
+    hidden = np.maximum(widened(chart, hidden) if bald else hidden, shows_opening(part, zones))
     bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
     unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)
     return Layer(unwrapped, part, weight, segment(chart, unwrapped, part, zones))

@@ -279,7 +279,7 @@ def shows_opening(parts: Float32, zones: Zones) -> Float32:
     return np.asarray(smoothstep(parts[:, [SCLERA, IRIS, MOUTH]].sum(1), 0.5, 0.9) * zones.skin, np.float32)
 
 
-def grown(chart: Chart, hidden: Float32) -> Float32:
+def widened(chart: Chart, hidden: Float32) -> Float32:
     """(N,) float32 what hides the head, larger by ``SHADOW``: hair throws a shadow on the skin before it."""
     reach = max(round(SHADOW * chart.width), 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
@@ -302,7 +302,7 @@ with them, 0.04 at most on 27 without. Frames are thinner than the reader's cell
 
 @dataclass(frozen=True)
 class Segmentation:
-    """Of the inner texels of a chart.
+    """What the photo shows at the inner texels of a chart.
 
     Attributes:
         seen: (N,) float32 opacity in [0, 1] of the photo where it shows the head's own surface.
@@ -327,12 +327,12 @@ def segment(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) ->
         zones: of the same texels.
     """
     # Beards and brows look like shade to who measures light: theirs is that of the skin beside them.
-    smooth = 1 - grown(chart, smoothstep(parts[:, [BEARD, BROW]].sum(1), *RAMP))
+    smooth = 1 - widened(chart, smoothstep(parts[:, [BEARD, BROW]].sum(1), *RAMP))
     lit = np.asarray(smooth * (1 - smoothstep(1 - parts[:, list(SURFACE)].sum(1), *RAMP)), np.float32)
     face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25) & (lit > 0.5)
     colour = np.median(unwrapped.colour[face], 0).astype(np.float32) if face.any() else None
     # Collars take the neck's shape and shade it; of an ear the fit is off by as much as it is wide.
-    doubt = zones.beside * grown(chart, np.asarray(parts[:, [SKIN, BEARD]].sum(1) < SURE, np.float32))
+    doubt = zones.beside * widened(chart, np.asarray(parts[:, [SKIN, BEARD]].sum(1) < SURE, np.float32))
     seen = opacity(unwrapped.weight) * (1 - zones.hidden) * (1 - doubt)
     return Segmentation(np.asarray(seen, np.float32), lit, colour, face)
 

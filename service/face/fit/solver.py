@@ -301,7 +301,7 @@ class System:
 
     @classmethod
     def of(cls, terms: Sequence[Term], state: State) -> System:
-        """Of all terms at a state."""
+        """The system of all terms at a state."""
         n = POSE + len(state.coefficients)
         hessian, gradient = np.zeros((n, n)), np.zeros(n)
         for term in terms:

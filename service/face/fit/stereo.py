@@ -66,7 +66,7 @@ class Picture:
 
     @classmethod
     def of(cls, photo: UInt8, middle: Float64, head: HeadModel, state: State, vertices: Float64) -> Picture | None:
-        """Of a photo (H, W, 3) and vertices (V, 3) at a state; None where the face lies beside it."""
+        """The picture of a photo (H, W, 3) and vertices (V, 3) at a state; None where the face lies beside it."""
         projection = project_points(state, vertices)
         pixels = projection.uv + middle
         region = head.region("face") > 0.5

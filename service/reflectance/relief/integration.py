@@ -52,7 +52,7 @@ class Edges:
     down: Float32
 
     def within(self, rows: slice, columns: slice) -> Edges:
-        """Of the edges between texels of a rectangle, as views."""
+        """Weights of the edges between texels of a rectangle, as views."""
         inner_rows, inner_columns = (slice(one.start, one.stop - 1) for one in (rows, columns))
         return Edges(self.right[rows, inner_columns], self.down[inner_rows, columns])
 

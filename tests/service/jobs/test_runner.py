@@ -266,9 +266,9 @@ def test_another_release_goes_on_with_a_job_and_computes_its_stages_again(monkey
     from service.jobs.queue import VERSION
 
     task = Task(job="0" * 32, photo="", photo_sha256="0" * 64, options={}, artifacts="", output="", scratch="")
-    before = avatar_process.basis(task)
+    before = avatar_process.cache_basis(task)
     monkeypatch.setattr(avatar_process, "GENERATOR", "avatarme 99")
-    assert avatar_process.basis(task) != before
+    assert avatar_process.cache_basis(task) != before
     assert VERSION == "pipeline-5", "with another one all unfinished jobs would wait for ever"
 
 
@@ -285,5 +285,5 @@ def test_a_correction_is_made_from_the_stages_of_the_same_owner_s_photo(bench: B
     assert first.stages == task("a", True).stages != task("b", True).stages
     assert task("a", False).stages == ""
     wishes = ({"quality": "draft"}, {"quality": "draft", "hair": "bob", "wrinkles": "older"}, {"quality": "high"})
-    plain, corrected, better = (avatar_process.basis(replace(first, options=wish)) for wish in wishes)
+    plain, corrected, better = (avatar_process.cache_basis(replace(first, options=wish)) for wish in wishes)
     assert plain == corrected != better
