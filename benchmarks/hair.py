@@ -15,9 +15,9 @@ import numpy as np
 import typer
 
 from service.hair.bank import kind_of, match, read_bank
-from service.hair.find_hair import CANDIDATES
+from service.hair.choose import across, choose
+from service.hair.find_hair import STRANDS_A_TRIAL
 from service.hair.kinds import KINDS, ends_m, kinds_of
-from service.hair.refine import across, refined, tried
 from service.hair.scalp import Scalp
 from service.hair.shape import fitted
 from service.hair.sight import Sight, overlap
@@ -27,7 +27,7 @@ from service.head.model import HeadModel
 from service.image_filters import blurred
 from tests.support.hair import Photographed, photographed
 
-STRANDS = 4000
+STRANDS = 6000
 
 
 def worse(seen: Photographed, head: HeadModel, rng: np.random.Generator) -> Photographed:
@@ -50,21 +50,19 @@ def measured(seed: int, head: HeadModel, *, poor: bool) -> Mapping[str, float]:
     skin = Scalp.of(head, seen.fit.neutral)
     begin = time.process_time()
     matches = match(read_bank(), seen.sight, seen.fit, head, seen.reading)
-    best = min((tried(read_bank().style(row), seen.sight, skin, 0, seen.reading) for row in matches.best(CANDIDATES)),
-               key=lambda one: one.loss)  # fmt: skip
-    best = refined(best.style, seen.sight, skin, 0, seen.reading, rounds=1)
-    groom, _ = fitted(best.style, seen.sight, skin, 0, STRANDS)
+    chosen = choose(read_bank(), matches, seen.sight, skin, 0, seen.reading, STRANDS // STRANDS_A_TRIAL)
+    groom, _ = fitted(chosen, seen.sight, skin, 0, STRANDS)
     spent = time.process_time() - begin
     drawn = seen.sight.drawn(groom.strands)
     cosine = 1 - 2 * across(drawn, seen.sight)
     truth = photographed(style, seed, head, vertices).groom if poor else seen.groom
-    own, wanted = kinds_of(best.style, groom.strands), kinds_of(style, truth.strands)
+    own, wanted = kinds_of(chosen, groom.strands), kinds_of(style, truth.strands)
     figures = {
         "overlap": overlap(seen.sight.hair, drawn.mask, seen.sight.known),
         "direction, degrees": float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))),
         "ends, mm off": 1000 * abs(ends_m(groom.strands) - ends_m(truth.strands)) if len(groom) else np.nan,
-        "kind right": kind_of(best.style) == kind_of(style),
-        "probability of the kind": matches.kinds(read_bank()).get(kind_of(best.style), 0.0),
+        "kind right": kind_of(chosen) == kind_of(style),
+        "probability of the kind": matches.kinds(read_bank()).get(kind_of(chosen), 0.0),
         "inside the body": float((skin.outside(groom.strands[:, 2:]) < -0.003).mean()) if len(groom) else 0.0,
         "CPU seconds": spent,
     }

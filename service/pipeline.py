@@ -3,7 +3,7 @@
 ::
 
     bytes --gate--> Photo --find--> Face --read--> Reading      for each photo
-    Readings --fit--> Fits of one head --bank, refine, grow--> WornHair
+    Readings --fit--> Fits of one head --bank, choose, grow--> WornHair
     Fits, WornHair --unwrap, blend, complete--> Texture
     Texture --networks--> Reflectance
         +---compare-----> Similarity

@@ -2,7 +2,7 @@
 
 ::
 
-    photo --read--> HairReading --bank--> likely styles --refine--> one --grow, fit--> strands --paint--> WornHair
+    photo --read--> HairReading --bank--> likely styles --choose--> one --grow, fit--> strands --paint--> WornHair
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from service.face.fit.fit import Fit
 from service.face.reading.reader import Reading
 from service.hair.asked import NONE, AskedHair
 from service.hair.bank import kind_of, match, read_bank
+from service.hair.choose import choose
 from service.hair.colour import HairColour, asked_colour
 from service.hair.groom import Groom, make_groom
 from service.hair.paint import painted
 from service.hair.reading import HairNetwork, read_hair
-from service.hair.refine import refined, tried
 from service.hair.scalp import Scalp
 from service.hair.shape import fitted, seen_share, thickness_m
 from service.hair.sight import Sight, overlap
@@ -42,10 +42,10 @@ LEAST_SCALP = 0.35
 """Least share of the scalp in the picture that has to be seen for the hair to be known."""
 POOR, DOUBTFUL = 0.6, 0.5
 """Overlap, and probability of the kind, below which either is in doubt."""
+STRANDS_A_TRIAL = 800
+"""Strands for each of which one more style is tried: where more are wanted, more time is well spent on choosing."""
 USUAL_SKIN = np.array([0.52, 0.31, 0.22], np.float32)
 """Linear RGB of skin in a photo whose cheek was not seen."""
-CANDIDATES = 6
-"""Styles of the bank that are tried on the head."""
 
 
 def find_hair(
@@ -97,21 +97,19 @@ def find_hair(
     if not doubts and (grown < BALD or (thick is not None and thick < CROPPED_M)):
         kind = "bald" if grown < BALD else "shaved"
         return WornHair(style_name, None, kind, {kind: 1.0}, np.zeros(0, np.float32), doubts=())
-    best = min((tried(read_bank().style(row), sight, skin, seed, read) for row in matches.best(CANDIDATES)),
-               key=lambda one: one.loss)  # fmt: skip
     if doubts:
-        best = tried(_unnoticed(kinds, sight, skin, seed), sight, skin, seed, read)
+        style = _unnoticed(kinds, sight, skin, seed)
     else:
-        best = refined(best.style, sight, skin, seed, read, rounds=1)
-        if max(getattr(best.style, name) for name in LENGTHS) < CROPPED_MM and asked.length_mm is None:
+        style = choose(read_bank(), matches, sight, skin, seed, read, strands // STRANDS_A_TRIAL)
+        if max(getattr(style, name) for name in LENGTHS) < CROPPED_MM and asked.length_mm is None:
             return WornHair(style_name, None, "shaved", kinds, np.zeros(0, np.float32))
     if asked.length_mm is not None or doubts:
-        groom = make_groom(_longer(best.style, asked), seed, strands, skin)
+        groom = make_groom(_longer(style, asked), seed, strands, skin)
         seen = seen_share(groom.strands, sight)
     else:
-        groom, seen = fitted(best.style, sight, skin, seed, strands)
+        groom, seen = fitted(style, sight, skin, seed, strands)
     agreement = overlap(sight.hair, sight.drawn(groom.strands).mask, sight.known)
-    kind = kind_of(best.style)
+    kind = kind_of(style)
     doubts += ("hair-style-poor",) if agreement < POOR else ()
     doubts += ("hair-kind-doubtful",) if kinds.get(kind, 0.0) < DOUBTFUL else ()
     found = WornHair(style_name, groom, kind, kinds, seen, agreement, doubts)

@@ -46,17 +46,23 @@ NAPE_M = (-0.095, -0.06)
 
 def grown(roots: Roots, style: Style, rng: np.random.Generator) -> Roots:
     """Roots that this style's hairline, temples and crown leave."""
-    azimuth, elevation = roots.azimuth, roots.elevation
-    # Hair recedes from its line upwards: what grows lower at the same azimuth goes first.
-    temples = np.exp(-np.square((np.abs(azimuth) - 0.62) / 0.3) - np.square(np.maximum(elevation - 0.72, 0) / 0.38))
-    forehead = np.exp(-np.square(azimuth / 0.5) - np.square(np.maximum(elevation - 0.8, 0) / 0.25))
+    azimuth = roots.azimuth
     crown = np.exp(-np.square(np.linalg.norm(roots.position - CROWN, axis=1) / (0.02 + 0.045 * style.crown)))
     phase = rng.uniform(0, 2 * np.pi, 3)
     wander = sum(np.sin(k * azimuth + p) / k for k, p in zip((3, 5, 9), phase, strict=True))
     keep = roots.edge + style.hairline * (0.15 * wander - 0.1)
-    keep = keep - style.receding * (1.8 * temples + 0.7 * forehead) - style.crown * 1.6 * crown
+    keep = keep - style.receding * recedes(roots) - style.crown * 1.6 * crown
     keep = keep - _step(NAPE_M[1], NAPE_M[0], roots.position[:, 1] + 0.004 * wander)
     return roots.chosen(keep > rng.uniform(-0.02, 0.22, len(roots)))
+
+
+def recedes(roots: Roots) -> Float32:
+    """(N,) float32 in [0, 2.5]: how soon hair that recedes is lost there: temples first, then the forehead."""
+    azimuth, elevation = roots.azimuth, roots.elevation
+    # From its line upwards: what grows lower at the same azimuth goes first.
+    temples = np.exp(-np.square((np.abs(azimuth) - 0.62) / 0.3) - np.square(np.maximum(elevation - 0.72, 0) / 0.38))
+    forehead = np.exp(-np.square(azimuth / 0.5) - np.square(np.maximum(elevation - 0.8, 0) / 0.25))
+    return np.asarray(1.8 * temples + 0.7 * forehead, np.float32)
 
 
 def lengths(style: Style, roots: Roots, rng: np.random.Generator) -> Float32:

@@ -18,7 +18,7 @@ import numpy as np
 from service.arrays import Float32, Float64, UInt8
 from service.errors import NumericFault
 from service.face.reading import reader
-from service.face.reading.part_labels import HAT, OTHER
+from service.face.reading.part_labels import BACKGROUND, HAT, OTHER
 from service.face.reading.reader import AROUND_ABOVE, AROUND_FILL, Reading, middles, parts_at_pixels
 from service.face.region import Region
 from service.geometry.sampling import sample_at
@@ -44,6 +44,7 @@ class HairReading:
         region: the square in the photo; it stands upright on the face.
         mask: (H, W) float32 in [0, 1]: share of the cell that hair covers, or its probability.
         known: (H, W) float32 in [0, 1]: 0 beside the photo and where a hat or a hand hides whether there is hair.
+        background: (H, W) float32 in [0, 1]: probability of what is behind the person.
         direction: (H, W, 2) float32 unit vectors from root to tip in the square's own axes, x right, y down.
         certainty: (H, W) float32 in [0, 1] of the direction; 0 without hair.
         kinds: probability of each choice of ``service.hair.kinds.KINDS``, by name; those of a kind sum to 1.
@@ -54,6 +55,7 @@ class HairReading:
     region: Region
     mask: Float32
     known: Float32
+    background: Float32
     direction: Float32
     certainty: Float32
     kinds: Mapping[str, Mapping[str, float]]
@@ -177,6 +179,6 @@ def read_hair(pixels: UInt8, reading: Reading, network: HairNetwork | None = Non
         log.warning("the hair is not read: %s", fault)
         return None
     return HairReading(
-        region, np.asarray(said.mask * inside, np.float32), known, said.direction,
-        np.asarray(said.certainty * said.mask * inside, np.float32), said.kinds, said.ends_m,
+        region, np.asarray(said.mask * inside, np.float32), known, np.asarray(parts[..., BACKGROUND], np.float32),
+        said.direction, np.asarray(said.certainty * said.mask * inside, np.float32), said.kinds, said.ends_m,
     )  # fmt: skip

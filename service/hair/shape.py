@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 
 from service.arrays import Bool, Float32, Float64
 from service.hair.groom import Groom, make_groom
-from service.hair.guides import Combing, resampled
+from service.hair.guides import Combing, recedes, resampled
 from service.hair.reading import CELLS
-from service.hair.scalp import CENTRE, Scalp, unit
+from service.hair.scalp import CENTRE, CROWN, Scalp, unit
 from service.hair.sight import Sight
 from service.hair.style import Style
 from service.image_filters import blurred
@@ -57,6 +57,8 @@ SMOOTH_RAYS = 1.6
 """Standard deviation, in rays, of the smoothing of their difference."""
 FARTHEST_M = (0.03, 0.045)
 """How far the outline is moved at most, inwards and outwards."""
+INWARDS = 0.7
+"""Share of its distance from the skin by which a strand comes nearer at most."""
 SIDEWAYS_DEG = (140.0, 165.0)
 """Angle from upwards up to which outlines are matched, and from which on not at all: below lies the neck."""
 
@@ -80,6 +82,8 @@ def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
     # Roots stay on the skin; hair that is off it moves.
     height = np.maximum(skin.outside(strands), 0)
     loose = np.clip(height / 0.006, 0, 1)
+    # A head that was fitted larger than the photo's would swallow its hair.
+    own = np.maximum(own, -INWARDS * height * scale)
     direction = away / np.maximum(length, 1e-6)[..., None]
     flat = np.einsum("npk,ck->npc", direction * (own * share * loose)[..., None], np.linalg.inv(cells_per_m))
     # What a photo from the front does not tell, the back of the head, is as full as the sides.
@@ -189,6 +193,8 @@ def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generato
 
 BARE = 0.6
 """How surely the photo has to show no hair where a strand is cut."""
+NEAR_SKIN_M = 0.008
+"""Distance from the skin within which background does not say that there is no hair."""
 LEAST_LEFT = 0.3
 """Share of a strand that cutting has to leave; else the whole strand goes."""
 HANGS_BELOW_M = -0.04
@@ -198,12 +204,13 @@ GONE = 0.15
 """Share of a row of hanging hair that the photo shows, below which the row is beyond its ends."""
 
 
-def trimmed(strands: Float32, sight: Sight, rng: np.random.Generator) -> tuple[Float32, Bool]:
+def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generator) -> tuple[Float32, Bool]:
     """Strands cut where the photo shows that there is no hair, and which of them are left.
 
     Args:
         strands: (N, P, 3) metres.
         sight: the photo.
+        skin: of the fitted head: hair on it is not cut off by the background beside a head that is fitted too large.
         rng: cut ends are uneven.
 
     Returns:
@@ -213,7 +220,8 @@ def trimmed(strands: Float32, sight: Sight, rng: np.random.Generator) -> tuple[F
         return strands, np.zeros(0, bool)
     points = strands.shape[1]
     bare, _ = sight.read(blurred(sight.bare, 0.7), strands)
-    beyond = bare > BARE
+    on_head, _ = sight.read(np.asarray(np.isfinite(sight.behind), np.float32), strands)
+    beyond = (bare > BARE) & ((on_head > 0) | (skin.outside(strands) > NEAR_SKIN_M))
     ends = _ends(strands, sight)
     if ends is not None:
         height = ends + rng.normal(0, 0.006, len(strands))
@@ -277,8 +285,9 @@ UNCOVERED, PER_CELL = 0.4, 14
 """Share of a cell of the photo's hair below which it is uncovered, and strands that it then gets, of 10,000."""
 BENT = 2500
 """Most strands out of which the nearest is taken."""
-FARTHEST_CELLS = 14.0
-"""Most by which a strand is bent to reach an uncovered cell: 55 mm."""
+FARTHEST_CELLS, ABOVE_CELLS = 14.0, 4.0
+"""Most by which a strand is bent to reach an uncovered cell: 55 mm where it lies on the head or hangs, and 16 mm where
+it would stand up from the head."""
 STEEP_M = 0.015
 """Range of the skin's depth in a cell and its neighbours from which on it is steep."""
 OFF_M = (0.002, 0.008)
@@ -304,14 +313,23 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     places = np.arange(points // 3, points, max(1, points // 10))
     some = rng.permutation(len(strands))[:BENT]
     at, depth = sight.project(strands[some][:, places])
-    apart, near = cKDTree(at.reshape(-1, 2)).query(cells)
-    reached = apart < FARTHEST_CELLS
+    # A strand that the head hides would come to the front through it.
+    own = np.flatnonzero(sight.visible(at, depth)[1])
+    if not len(own):
+        return groom
+    apart, near = cKDTree(at.reshape(-1, 2)[own]).query(cells)
+    near = own[near]
+    column, row = cells.astype(int).T
+    # What would stand up alone is no hair that the photo shows there; the outline is moved as a whole.
+    at_root = strands[some[near // len(places)], 0]
+    stands = ~np.isfinite(sight.behind[row, column]) & (row < sight.project(at_root)[0][:, 1] + ABOVE_CELLS)
+    reached = apart < np.where(stands, ABOVE_CELLS, FARTHEST_CELLS)
     cells, near = cells[reached], near[reached]
     strand, place = some[near // len(places)], places[near % len(places)]
-    own = depth.reshape(-1)[near]
+    deep = depth.reshape(-1)[near]
     column, row = np.clip(cells.astype(int), 0, CELLS - 1).T
     face = sight.behind[row, column]
-    wanted = np.where(np.isfinite(face), face - rng.uniform(*OFF_M, len(cells)), own)
+    wanted = np.where(np.isfinite(face), face - rng.uniform(*OFF_M, len(cells)), deep)
     # The cell's ray, at this depth, in the head's frame.
     camera = sight.camera
     pixel = sight.region.to_photo(cells, CELLS)
@@ -344,29 +362,43 @@ def seen_share(strands: Float32, sight: Sight) -> Float32:
     return np.asarray(shown.mean(1), np.float32)
 
 
+def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
+    """The style without thinning that the photo does not show.
+
+    It does not show how densely hair grows nor, from the front, whether the crown is bald; where it shows hair at the
+    temples, that has not receded beside them either.
+    """
+    roots = skin.even
+    cell, seen = sight.visible(*sight.project(roots.position))
+    facing = (roots.normal * (sight.camera.centre - roots.position)).sum(1) > 0
+    weight = recedes(roots) * sight.known[cell] * (seen & facing)
+    shown = float((weight * sight.hair[cell]).sum() / max(float(weight.sum()), 1e-6))
+    crown = style.crown if sight.visible(*sight.project(CROWN))[1] else 0.0
+    return dataclasses.replace(style, density=1.0, crown=crown, receding=style.receding * (1 - shown))
+
+
 def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> tuple[Groom, Float32]:
     """Strands of a style as the photo shows them, and the share of each that it does.
 
     Args:
-        style: as :func:`refined` gives it.
+        style: to begin with.
         sight: the photo.
         skin: of the fitted head.
         seed: of all that is random.
         strands: of a full head.
     """
     rng = np.random.default_rng([seed, 0xC07])
-    # What thins hair is told by temples and crown; a photo does not show how densely the rest grows.
-    style = dataclasses.replace(style, density=1.0)
+    style = seen_thinning(style, sight, skin)
     groom = to_hairline(make_groom(style, seed, strands, skin, photo_combing(sight)), sight, skin, rng)
     moved = groom.strands
     for _ in range(2):
         moved = to_outline(moved, sight, skin)
-    moved = like_neighbours(moved, *trimmed(moved, sight, rng), sight)
+    moved = like_neighbours(moved, *trimmed(moved, sight, skin, rng), sight)
     groom = groom.chosen(moved, np.arange(len(moved)))
     for _ in range(FILLINGS):
         groom = filled(groom, sight, skin, rng)
     moved = groom.strands
-    moved, kept = trimmed(moved, sight, rng)
+    moved, kept = trimmed(moved, sight, skin, rng)
     kept |= ~bare_rooted(moved, sight)
     moved = np.concatenate([moved[:, :1], skin.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)

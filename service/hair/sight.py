@@ -71,7 +71,9 @@ class Sight:
         margin = EDGE_CELLS * reading.region.side / CELLS
         at, size = reading.cells, np.array([fit.camera.width, fit.camera.height])
         inside = ((at >= margin) & (at < size - margin)).all(1).reshape(CELLS, CELLS)
-        known = np.asarray(reading.known * inside, np.float32)
+        # Background where the fitted head is: one of both is wrong, and nothing is told of its hair.
+        behind = np.isfinite(bare.behind) * reading.background
+        known = np.asarray(reading.known * inside * (1 - behind), np.float32)
         return replace(
             bare, hair=ramp(reading.mask, SHOWS) * known, known=known, direction=reading.direction,
             certainty=reading.certainty,

@@ -65,6 +65,7 @@ def photographed(
     direction = np.asarray(drawn.direction / np.maximum(size, 1e-6)[..., None], np.float32)
     certainty = np.asarray(size * drawn.mask, np.float32)
     ends = ends_m(groom.strands) if len(groom) else 0.05
-    reading = HairReading(region, drawn.mask, np.ones_like(drawn.mask), direction, certainty, UNTOLD, (ends, 0.02))
+    none = np.zeros_like(drawn.mask)
+    reading = HairReading(region, drawn.mask, none + 1, none, direction, certainty, UNTOLD, (ends, 0.02))
     fit = fit_of(points, camera)
     return Photographed(fit, reading, groom, Sight.of(reading, fit, head))
