@@ -26,7 +26,7 @@ LINING = np.array([0.40, 0.150, 0.135], np.float32)
 """Mucosa that lines the mouth: inside of lips and cheeks, palate. A little redder than gums."""
 
 
-HALF_DEPTH_M = {"tongue": 0.030, "lining": 0.080}
+HALF_DEPTH_M = {"tongue": 0.030, "lining": 0.160}
 """Metres behind the foremost point of each at which its sRGB values have halved. The lining stays red: how little light
 reaches the throat is the renderer's, and with too dark a lining a path tracer shows a black hole."""
 

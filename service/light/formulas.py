@@ -212,6 +212,31 @@ def mirror_openness(openness: Float64, n_v: Float64, alpha: Float64) -> Float64:
     return np.asarray(np.clip(np.maximum(n_v + openness, 0.0) ** power - 1.0 + openness, 0.0, 1.0))
 
 
+MOST_FLESH = 0.9
+"""Largest albedo of what stands around; with 1 light would never leave a closed mouth."""
+
+
+def with_flesh(
+    irradiance: Float32, openness: Float32, albedo: Float32, radiosity: Float32
+) -> tuple[Float32, Float32]:
+    """Irradiance with what flesh sends from where no sky is seen, and the radiosity of that flesh.
+
+    Flesh near a point that sees little of the sky lies deep itself, and receives what the point does (Stewart and
+    Langer 1997, eq. 12); near one that sees much it is the skin around the recess. Between them the share of the latter
+    is the square root of the openness: the geometric mean of the point's and that of the open.
+
+    Args:
+        irradiance: (3, ...) linear, of sky and lamps.
+        openness: (...) ambient occlusion in [0, 1], 1 = open.
+        albedo: (3, ...) of the flesh.
+        radiosity: (3, ...) of the skin around the recess.
+    """
+    hidden, outer = 1 - openness, np.sqrt(openness)
+    inner = np.minimum(albedo, MOST_FLESH) * (1 - outer)
+    total = (irradiance + hidden * outer * radiosity) / (1 - hidden * inner)
+    return np.asarray(total, np.float32), np.asarray(outer * radiosity + inner * total, np.float32)
+
+
 def disc_of(light: PointLight, centre_m: Float64) -> Float64:
     """(S, 3) metres, points on the disc that faces the head, S = 1 to 16 (sunflower pattern).
 

@@ -18,7 +18,7 @@ from service.arrays import Bool, Float32, Int64
 from service.geometry.mesh import normalise
 from service.geometry.sampling import surface_points, thinned
 from service.light.environment import Illumination, flux_by_direction, prefiltered, spread_directions
-from service.light.formulas import F0_SCALE, Graphs, irradiance, lamp_numbers, mirror_weights, project
+from service.light.formulas import F0_SCALE, Graphs, irradiance, lamp_numbers, mirror_weights, project, with_flesh
 from service.light.plan import LightPlan
 from service.light.scene import Triple
 from service.materials.material import Material
@@ -32,10 +32,8 @@ GRAIN_M = 0.0006
 NEIGHBOURS = 6
 """Points between which light is interpolated."""
 
-REACH_MM = 40.0
-"""Distance from a part's centre up to which geometry casts shadows on it; brows, nose and lids lie within."""
-MOST_FLESH = 0.9
-"""Largest albedo of what stands around; with 1 light would never leave a closed mouth."""
+REACH_MM = 30.0
+"""Distance from the box around a part up to which geometry casts shadows on it: brows, lips and cheeks lie within."""
 CLEAR_M = 0.004
 """Height over parts in the open at which light is computed: they meet the head, whose points are a cell wide."""
 AROUND_M = 0.004
@@ -88,22 +86,6 @@ class Arriving:
     mirror: Float32
     lamps: Float32
 
-    def with_flesh(self, albedo: Float32, radiosity: Float32) -> tuple[Float32, Float32]:
-        """(N, 3) irradiance with what flesh sends from where no sky is seen, and (N, 3) the radiosity of that flesh.
-
-        Flesh near a point that sees little of the sky lies deep itself, and receives what the point does (Stewart and
-        Langer 1997, eq. 12); near one that sees much it is the skin around the recess. Between them the share of the
-        latter is the square root of the openness: the geometric mean of the point's and that of the open.
-
-        Args:
-            albedo: (3,) of the flesh.
-            radiosity: (3,) of the skin around the recess.
-        """
-        hidden, outer = 1 - self.openness[:, None], np.sqrt(self.openness)[:, None]
-        inner = np.minimum(albedo, MOST_FLESH) * (1 - outer)
-        total = (self.irradiance + hidden * outer * radiosity) / (1 - hidden * inner)
-        return np.asarray(total, np.float32), np.asarray(outer * radiosity + inner * total, np.float32)
-
     def between(self, read: Callable[[Float32], Float32]) -> Arriving:
         """The same at F points, whose values ``read`` interpolates: (F, C) of (N, C)."""
         whole = np.concatenate([self.irradiance, self.openness[:, None], self.mirror[:, None], self.lamps], 1)
@@ -117,7 +99,8 @@ def surroundings(parts: Sequence[MeshPart], model: DrawnHead, spacing_mm: float,
     near, clouds = np.zeros(len(millimetres), bool), []
     for part in parts:
         own = np.asarray(part.vertices, np.float64) * 1000.0
-        near |= np.linalg.norm(millimetres - own.mean(0), axis=1) < REACH_MM
+        beyond = np.maximum(own.min(0) - millimetres, millimetres - own.max(0))
+        near |= np.linalg.norm(np.maximum(beyond, 0), axis=1) < REACH_MM
         if part.material.alpha == "opaque":
             clouds.append(surface_points(own, part_triangles(part.polygons), spacing_mm))
     clouds.append(surface_points(millimetres, model.head.triangles[near[model.head.triangles].any(1)], spacing_mm))
@@ -214,7 +197,8 @@ class RecessLight:
         """
         arriving, flesh = there.irradiance, np.zeros_like(point)
         if skin is not None:
-            arriving, flesh = there.with_flesh(skin[:3], skin[3:])
+            lit, sent = with_flesh(there.irradiance.T, there.openness, skin[:3, None], skin[3:, None])
+            arriving, flesh = lit.T, sent.T
         mirrored, kept = self._glossy(point, normal, there, one.part.material, flesh)
         one.radiance[visible] = one.colour[visible] * arriving / np.float32(np.pi) * kept[:, None] + mirrored
 

@@ -12,7 +12,7 @@ import numpy as np
 from service.arrays import Float32
 from service.geometry.chart import unit_vectors
 from service.light.environment import Illumination, prefiltered
-from service.light.formulas import F0_SCALE, Graphs, irradiance, lamp_numbers, project
+from service.light.formulas import F0_SCALE, Graphs, irradiance, lamp_numbers, project, with_flesh
 from service.light.plan import LightPlan
 from service.light.scene import PointLight, Triple
 from service.render.draw import SeenHead
@@ -83,11 +83,19 @@ class HeadShader:
                 lit = self.graphs.at_points("irradiance", flat, **lamp_numbers(light))
                 arriving = arriving + lit.reshape(position.shape)
         albedo = _planes(np.clip(s.albedo, 0.0, 1.0))
+        if self.plan.runs("occlusion"):
+            arriving = self._with_flesh(albedo, arriving)
         radiosity = albedo * arriving
         if self.plan.runs("scattering"):
             with self.clock.step("scattering"):
                 radiosity = self._scattered(albedo, arriving, seen)
         return np.ascontiguousarray(np.moveaxis(self._padded(radiosity) / np.float32(math.pi), 0, 2))
+
+    def _with_flesh(self, albedo: Float32, arriving: Float32) -> Float32:
+        """(3, H, W) irradiance with what skin sends from where no sky is seen: cheeks and palate light each other."""
+        openness, skin = self.visibility.openness(self.surface.normal), self.surface.skin
+        sent = (albedo * arriving * openness)[:, skin].sum(1) / max(float(openness[skin].sum()), 1e-6)
+        return with_flesh(arriving, openness, albedo, sent[:, None, None])[0]
 
     def _scattered(self, albedo: Float32, arriving: Float32, seen: SeenHead) -> Float32:
         """(3, H, W) radiosity, scattered on the skin that is seen; elsewhere albedo times irradiance.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from service.light.environment import illumination
-from service.light.formulas import Graphs
+from service.light.formulas import Graphs, with_flesh
 from service.light.plan import LightPlan
 from service.light.scene import Environment, PointLight, Scene
 from service.materials.material import Material
@@ -88,16 +88,13 @@ def test_a_lamp_is_hidden_as_the_sky_is() -> None:
 
 def test_flesh_sends_back_no_more_than_it_receives() -> None:
     """In a closed mouth light must not pile up, nor come from nowhere; in the open there is no flesh."""
-    nothing, white, grey = (np.full(3, value, np.float32) for value in (0.0, 1.0, 0.5))
-    found = Arriving(
-        np.ones((3, 3), np.float32), np.array([0, 0.25, 1], np.float32), nothing, np.ones((3, 0), np.float32)
-    )
-    total, sent = found.with_flesh(white, nothing)
+    nothing, white, grey = (np.full((3, 1), value, np.float32) for value in (0.0, 1.0, 0.5))
+    openness = np.array([0, 0.25, 1], np.float32)
+    total, sent = with_flesh(np.ones((3, 3), np.float32), openness, white, nothing)
     assert np.isfinite(total).all() and np.isfinite(sent).all() and (total >= 1).all()
-    np.testing.assert_allclose(total[2], 1)
-    dark = dataclasses.replace(found, irradiance=np.zeros((3, 3), np.float32))
-    total, _ = dark.with_flesh(grey, white)
-    assert not total[0].any() and not total[2].any() and (total[1] < 0.75).all()
+    np.testing.assert_allclose(total[:, 2], 1)
+    total, _ = with_flesh(np.zeros((3, 3), np.float32), openness, grey, white)
+    assert not total[:, 0].any() and not total[:, 2].any() and (total[:, 1] < 0.75).all()
 
 
 def test_no_skin_near_sends_no_light() -> None:
