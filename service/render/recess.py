@@ -147,7 +147,7 @@ class RecessLight:
                     shares[one.part.name] = strands.shares(one.part)
                 strands.lit(one, one.along, shares[one.part.name], visible)
             elif where is None and one.part.material.alpha == "opaque":
-                self._light_outside(one, visible, whole)
+                self._light_outside(one, visible, whole, skin_around([one.part], seen.position_m, skin))
             elif where is None:
                 lit = open_light(self.light, self.graphs, one.part.vertices, one.drawn.normals)
                 one.radiance = one.colour * one.between(lit)
@@ -159,7 +159,7 @@ class RecessLight:
                 around = surroundings(own, seen.model, self.detail.recess_mm, self.graphs)
                 self._light_recess(inside, around, skin_around(own, seen.position_m, skin))
 
-    def _light_outside(self, one: SeenPart, visible: Bool, whole: tuple[Occluders, Occluders]) -> None:
+    def _light_outside(self, one: SeenPart, visible: Bool, whole: tuple[Occluders, Occluders], skin: Float32) -> None:
         """Light a part in the open: by the sky at its vertices, by lamps, whose shadows are sharp, at each fragment."""
         own = np.concatenate([one.part.vertices, one.drawn.normals], 1).astype(np.float32)
         place, facing = np.split(own, 2, 1)
@@ -169,7 +169,7 @@ class RecessLight:
         point, normal = np.split(one.between(own)[visible], 2, 1)
         normal = normalise(normal).astype(np.float32)
         there = self.with_lamps(there, point + np.float32(CLEAR_M) * normal, normal, whole[0], hair)
-        self._shine(one, visible, point, normal, there)
+        self._shine(one, visible, point, normal, there, skin)
 
     def _light_recess(self, inside: Sequence[tuple[SeenPart, Bool]], around: Occluders, skin: Float32) -> None:
         places = []
@@ -189,16 +189,13 @@ class RecessLight:
             self._shine(one, visible, point, normal, there.between(nodes.read), skin)
 
     def _shine(
-        self, one: SeenPart, visible: Bool, point: Float32, normal: Float32, there: Arriving,
-        skin: Float32 | None = None,
-    ) -> None:  # fmt: skip
+        self, one: SeenPart, visible: Bool, point: Float32, normal: Float32, there: Arriving, skin: Float32
+    ) -> None:
         """Set the radiance of the visible fragments, F of them, at points (F, 3) with unit normals; ``skin`` (6,) is
-        albedo and radiosity of that around a recess.
+        albedo and radiosity of that around.
         """
-        arriving, flesh = there.irradiance, np.zeros_like(point)
-        if skin is not None:
-            lit, sent = with_flesh(there.irradiance.T, there.openness, skin[:3, None], skin[3:, None])
-            arriving, flesh = lit.T, sent.T
+        lit, sent = with_flesh(there.irradiance.T, there.openness, skin[:3, None], skin[3:, None])
+        arriving, flesh = lit.T, sent.T
         mirrored, kept = self._glossy(point, normal, there, one.part.material, flesh)
         one.radiance[visible] = one.colour[visible] * arriving / np.float32(np.pi) * kept[:, None] + mirrored
 

@@ -19,9 +19,14 @@ from service.image_filters import by_strips, least, shrunk
 from service.reflectance.planes import interpolated
 from service.reflectance.subject import Subject, margin
 
+BORDER = 6
+"""Texels of any map along the skin's border that delta makes up to an eighth darker, with what lies beyond in sight:
+a line at the collar and along the chart's seams."""
+
 
 def pad_skin(albedo: Codes, subject: Subject) -> Codes:
-    """The albedo, changed in place: texels outside all islands, where the nearest island is skin, take its colour.
+    """The albedo, changed in place: texels at most ``BORDER`` within the skin's islands, and outside all islands where
+    the nearest is skin, take the colour of the skin farther inside.
 
     Args:
         albedo: (H, W, 3) codes.
@@ -29,14 +34,17 @@ def pad_skin(albedo: Codes, subject: Subject) -> Codes:
     """
     height, width = albedo.shape[:2]
     chart, skin = subject.chart, subject.head.part_names.index("skin")
-    inside = cv2.erode((chart.part == skin).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    reach = -(-BORDER * chart.width // width)
+    inside = cv2.erode((chart.part == skin).astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
     if not np.any(inside):
         return albedo
     small = shrunk(albedo, (chart.width, chart.height))
     colour = small.reshape(-1, 3)[nearest_inside(np.asarray(inside)).ravel()].reshape(small.shape)
     beside_skin = chart.part.ravel()[nearest_inside(chart.mask)] == skin
     planes = np.concatenate([np.moveaxis(colour, 2, 0), beside_skin.reshape(1, *inside.shape).astype(np.float32)])
-    outside = subject.islands((width, height)) == NO_PART
+    islands = subject.islands((width, height))
+    outside = cv2.dilate((islands == NO_PART).astype(np.uint8), np.ones((2 * BORDER + 1,) * 2, np.uint8)) > 0
+    outside &= (islands == NO_PART) | (islands == skin)
     columns = np.arange(width)
 
     def fill(strip: slice) -> None:
