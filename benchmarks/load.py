@@ -1,11 +1,14 @@
-"""What the database bears: a batch on up to 200 workers whose photos only sleep, and a queue of 100,000 waiting jobs.
+"""What the database bears: a batch on up to 200 workers whose photos only sleep, and a queue of 100,000 waiting jobs;
+and how long a draft takes over HTTP.
 
-``python -m benchmarks.load [--workers 10,50,100,200]`` and ``python -m benchmarks.load --waiting 100000``. The waiting
-jobs are copied in the database from one that was let in, for a hundred tenants. A worker is a process with its own
-DBOS, as on a machine of its own, that takes one shard at a time; Postgres and the store (a folder) are the real ones.
-All run on this machine, so what is printed as efficiency has the processor time of all workers in it, which many
-machines share out: a worker's looks into the queues are one to two percent of a core, of which 200 do not fit on two
-cores. ``--hands 10`` has each process take ten shards at a time, as ten workers that look into the queues together.
+``python -m benchmarks.load [--workers 10,50,100,200]``, ``python -m benchmarks.load --waiting 100000`` and ``python -m
+benchmarks.load --draft PHOTO``, which starts ``avatarme serve`` as it is installed and posts one photo after the other,
+each some seconds after the last, when the worker has a process ready. The waiting jobs are copied in the database from
+one that was let in, for a hundred tenants. A worker is a process with its own DBOS, as on a machine of its own, that
+takes one shard at a time; Postgres and the store (a folder) are the real ones. All run on this machine, so what is
+printed as efficiency has the processor time of all workers in it, which many machines share out: a worker's looks into
+the queues are one to two percent of a core, of which 200 do not fit on two cores. ``--hands 10`` has each process take
+ten shards at a time, as ten workers that look into the queues together.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
+import httpx
 import numpy as np
 import sqlalchemy as sa
 import typer
@@ -43,7 +47,7 @@ from service.jobs.store import Store
 from service.jobs.workflow import launch
 from service.places import Place
 from tests.support.postgres import Postgres
-from tests.support.server import TOY
+from tests.support.server import TOY, Server, post
 
 TENANTS = 100
 HANGS = 103
@@ -265,14 +269,44 @@ def waiting_jobs(count: int, folder: Path, seconds: float = 30.0) -> None:
         postgres.stop("immediate")
 
 
+def drafts(photo: Path, folder: Path, count: int = 4, pause: float = 6.0) -> None:
+    """Print seconds from posting each of some drafts to its archive being ready, and to each of its stages."""
+    usual = {"program": Settings.program, "look_seconds": Settings.look_seconds, "niceness": Settings.niceness}
+    server = Server(folder / "data", usual)
+    server.start()
+    print(f"| draft | ready after s | of these in its process | fetched after | stages begun after |\n{'|---' * 5}|")
+    try:
+        with httpx.Client(base_url=server.url, timeout=60) as client:
+            for number in range(count):
+                time.sleep(pause)
+                begin, begun, state = time.monotonic(), dict[str, float](), {"state": "queued"}
+                job = post(client, photo.read_bytes(), number, quality="draft").json()["id"]
+                while state["state"] in ("queued", "running"):
+                    state = client.get(f"/v1/avatars/{job}").json()
+                    begun.setdefault(state["stage"] or state["state"], time.monotonic() - begin)
+                    time.sleep(0.02)
+                ready, first = begun.pop(state["state"]), begun.get("decode", 0.0)
+                size = len(client.get(state["links"]["archive"]).raise_for_status().content)
+                told = ", ".join(f"{name} {seconds:.2f}" for name, seconds in begun.items())
+                print(f"| {number + 1} | {ready:.2f} | {ready - first:.2f} ", end="")
+                print(f"| {time.monotonic() - begin:.2f} ({size / 1e6:.1f} MB) | {told} |", flush=True)
+    finally:
+        server.stop()
+
+
 def main(
     workers: Annotated[str, typer.Option(help="Numbers of workers, with commas between.")] = "10,50,100,200",
     seconds: Annotated[float, typer.Option(help="Of one photo.")] = 10.0,
     photos: Annotated[int, typer.Option(min=1, help="Of each worker.")] = 8,
     hands: Annotated[int, typer.Option(min=1, help="Workers that are one process.")] = 1,
     waiting: Annotated[int, typer.Option(min=0, help="Measure beside so many waiting jobs instead.")] = 0,
+    draft: Annotated[Path | None, typer.Option(help="Measure drafts of this photo over HTTP instead.")] = None,
 ) -> None:
     """Print a table."""
+    if draft is not None:
+        with tempfile.TemporaryDirectory(prefix="drafts-") as folder:
+            drafts(draft, Path(folder))
+        return
     if waiting:
         with tempfile.TemporaryDirectory(prefix="waiting-") as folder:
             waiting_jobs(waiting, Path(folder))

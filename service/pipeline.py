@@ -27,6 +27,7 @@ from typing import Any, Literal, TypeVar, cast
 import numpy as np
 
 from service.anatomy.eyes import eye_parts
+from service.anatomy.items import read_insets, read_items
 from service.anatomy.mouth import mouth_parts
 from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo, to_albedo, worn
 from service.archive.avatar import Avatar, Drawn, Source, model_cards
@@ -37,11 +38,12 @@ from service.face.features.eye_colours import NAMED_IRISES
 from service.face.features.mouth import with_mouth_shut
 from service.face.finder import Face, FaceFinder, choose_face
 from service.face.fit.landmark_fit import modes
-from service.face.identity import Recogniser
+from service.face.identity import Recogniser, population
 from service.face.profile import faces_by_reading
 from service.face.reading.reader import Readers
 from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all, with_frames
 from service.geometry.chart import Chart
+from service.hair.bank import read_bank
 from service.hair.find_hair import find_hair
 from service.hair.reading import HairNetwork
 from service.hair.wear import hair_cards, hair_in_albedo
@@ -53,14 +55,16 @@ from service.manifest import IdentitySimilarity
 from service.materials.part import coarser
 from service.options import Options, installed
 from service.photo.photo import Photo
+from service.reflectance.albedo.albedo_error import error_model
+from service.reflectance.albedo.albedo_prior import albedo_prior
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.relief.folds import AGES
-from service.reflectance.subject import Subject
+from service.reflectance.subject import Subject, coarse_chart
 from service.reflectance.surface_maps import surface_maps
 from service.runtime.network_registry import networks_of
-from service.runtime.networks import choose_engine, loading_ahead
-from service.runtime.sessions import few_heaps, has_openvino, openvino_library, release
+from service.runtime.networks import Ahead, choose_engine, loading_ahead
+from service.runtime.sessions import few_heaps, release
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import Loaded, NoCache, StageCache
 from service.texture.inpainting import grain
@@ -136,14 +140,16 @@ def make_avatar(
     stage = _Timed(progress, BEFORE_NETWORKS if plan.stages else 1.0)
     with ThreadPoolExecutor(3) as pool, ExitStack() as held:
         # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
-        head_and_chart = pool.submit(_head_and_chart, options.base_size, head_file)
+        form = options.fit_settings().beyond if len(files) == 1 and options.fit == "full" else 0
+        head_and_chart = pool.submit(_head_and_chart, options.base_size, head_file, form)
+        pool.submit(lambda: [grain(head_and_chart.result()[1], seed) for seed in SEEDS])
 
         with stage("decode"):
             gathered = kept("decode", _decoded, files, networks)
         with stage("detect"):
             doubted = (options.base_size, head_file) if reads else None
             gathered = kept("detect", _detected, gathered, options.face, options.leave_out, networks, doubted)
-        engine = held.enter_context(loading_ahead(early, engine))  # only now, as many a photo is refused
+        engine = held.enter_context(loading_ahead(early, engine, networks.maps()))  # only now: many are refused
         with stage("fit"):
             head, chart = head_and_chart.result()
             if reads:
@@ -261,7 +267,7 @@ class FaceNetworks(Loaded):
 
         Args:
             reads: whether faces are to be read; without their networks they are not.
-            ahead: load the head in the box and its usual chart, too.
+            ahead: load what a draft on the head in the box needs beside, too.
         """
         few_heaps()
         self.reads = reads and installed(READERS)
@@ -269,8 +275,7 @@ class FaceNetworks(Loaded):
         pool = ThreadPoolExecutor(2)
         self._loads: list[Future[Any]] = [pool.submit(kind) for kind in kinds]
         pool.submit(import_module, "scipy.optimize")
-        if ahead:
-            pool.submit(_made_ahead)
+        self._maps = pool.submit(_made_ahead) if ahead else None
         pool.shutdown(wait=False)
 
     def finder(self) -> FaceFinder:
@@ -289,8 +294,12 @@ class FaceNetworks(Loaded):
         """Reads hair, where faces are read; None where they are not."""
         return cast(HairNetwork, self._loads[3].result()) if self.reads else None
 
+    def maps(self) -> Ahead | None:
+        """Has begun to load the networks of a draft's maps; None where nothing was loaded ahead."""
+        return None if self._maps is None else self._maps.result()
+
     def drop(self) -> None:
-        """Let go of them."""
+        """Let go of those of faces."""
         self._loads.clear()
 
 
@@ -363,21 +372,31 @@ def _sources(gathered: Gathered, texture: Texture, *, detail: bool) -> tuple[Sou
     return tuple(found)
 
 
-def _head_and_chart(size: Size, head_file: Path | None) -> tuple[HeadModel, Chart]:
+def _head_and_chart(size: Size, head_file: Path | None, beyond: int = 0) -> tuple[HeadModel, Chart]:
+    """The head to fit, its chart, and so many modes of it, which are kept where they are made."""
     if head_file is None:
-        return _usual_head_and_chart(size)
-    head = load_head(head_file)
-    return head, Chart.build(head, *size)
+        head, chart = _usual_head_and_chart(size)
+    else:
+        head = load_head(head_file)
+        chart = Chart.build(head, *size)
+    if beyond:
+        modes(head, beyond)
+    return head, chart
 
 
-def _made_ahead() -> None:
-    """What photos that are fitted to the head in the box have in common, kept where it is made."""
-    head, chart = _usual_head_and_chart(Options().base_size)
-    modes(head, Options().fit_settings().beyond)
+def _made_ahead() -> Ahead:
+    """What drafts on the head in the box have in common, kept where it is made, and the networks of their maps."""
+    draft = Options(quality="draft")
+    head, chart = _head_and_chart(draft.base_size, None, draft.fit_settings().beyond)
     for seed in SEEDS:
         grain(chart, seed)
-    if has_openvino():
-        openvino_library()
+    for read in (read_bank, read_items, read_insets, population, error_model):
+        read()
+    albedo_prior(False)
+    coarse_chart(head)
+    for module in ("overlay", "sheet"):
+        import_module(f"service.archive.preview.{module}")
+    return Ahead(draft.plan().networks, choose_engine(draft.runtime, precision=draft.level.precision))
 
 
 @lru_cache(maxsize=1)

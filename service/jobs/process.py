@@ -314,4 +314,6 @@ def resident_mb(process: int) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    status = main()
+    sys.stderr.flush()
+    os._exit(status)  # what the libraries hold need not be torn down

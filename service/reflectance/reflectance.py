@@ -126,7 +126,7 @@ def make_reflectance(
             found = unfolded_albedo(found, subject.creases)
         if found is not None and subject.roots is not None:
             found = darkened(found.copy(), subject.roots)
-        if run.small:
+        if run.small and found is not None:
             coloured(replace(made, diffuse_albedo=found))
         return found
 
@@ -151,8 +151,8 @@ def make_reflectance(
         made = _by_networks(*given, engine, tile, run, beside, known if run.small else lambda made: None)
         if made.diffuse_normal is not None:
             made = replace(made, diffuse_normal=aged(made.diffuse_normal, chart, depth))
-        made = replace(made, **early.get("relief", lambda: relief(made))())
-        made = replace(made, diffuse_albedo=early.get("colour", lambda: colour(made))())
+        made = replace(made, **(early["relief"]() if "relief" in early else relief(made)))
+        made = replace(made, diffuse_albedo=early["colour"]() if "colour" in early else colour(made))
     return replace(made, timings_s=run.timings)
 
 

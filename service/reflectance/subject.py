@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -68,6 +69,12 @@ def margin(width: int) -> int:
     return max(width // GEOMETRY_SIZE[0], 1)
 
 
+@lru_cache(maxsize=1)
+def coarse_chart(head: HeadModel) -> Chart:
+    """The chart of a head at ``GEOMETRY_SIZE``; of one head it is kept."""
+    return Chart.build(head, *GEOMETRY_SIZE)
+
+
 def drawn_geometry(chart: Chart, vertices: AnyFloat) -> Float32:
     """(11, h, w) float32 of a chart's size, named by ``GEOMETRY``, continued beyond the islands.
 
@@ -131,7 +138,7 @@ class Subject:
     ) -> Subject:
         """Draw the chart of a head; ``lit_skin`` is the texture's, of any size."""
         lit = None if lit_skin is None else lit_skin * np.float32(1 / 255)
-        chart = Chart.build(head, *GEOMETRY_SIZE)
+        chart = coarse_chart(head)
         return cls(head, vertices, chart, drawn_geometry(chart, vertices), lit, eye_light)
 
     @classmethod

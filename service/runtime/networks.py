@@ -405,11 +405,24 @@ def _compiled(core: Any, name: str, data: bytes, model: Any, settings: dict[str,
 
 
 class Ahead:
-    """Loads networks one after the other in a thread of its own; each is given away once."""
+    """Loads networks one after the other in a thread of its own; each is given away once.
+
+    Attributes:
+        engine: what they run on.
+    """
 
     def __init__(self, names: Iterable[str], engine: Engine) -> None:
+        self.engine = engine
         self._pool = ThreadPoolExecutor(1)
-        self._loads: dict[str, Future[Loaded]] = {name: self._pool.submit(load_network, name, engine) for name in names}
+        self._loads: dict[str, Future[Loaded]] = {}
+        self.load(names)
+
+    def load(self, names: Iterable[str]) -> None:
+        """Load these too, in their order, and drop all others."""
+        before = self._loads
+        self._loads = {
+            name: before.get(name) or self._pool.submit(load_network, name, self.engine) for name in names
+        }
 
     def take(self, name: str) -> Loaded | None:
         """A network, as soon as it is loaded; None where it was not asked for, or was taken before.
@@ -427,9 +440,14 @@ class Ahead:
 
 
 @contextmanager
-def loading_ahead(names: Iterable[str], engine: Engine) -> Iterator[Engine]:
-    """The engine, with networks ``names`` being loaded in their order for the length of a ``with`` block."""
-    ahead = Ahead(names, engine)
+def loading_ahead(names: Iterable[str], engine: Engine, begun: Ahead | None = None) -> Iterator[Engine]:
+    """The engine, with networks ``names`` being loaded in their order for the length of a ``with`` block.
+
+    What has ``begun`` to load networks for the same engine goes on with these.
+    """
+    same = begun is not None and begun.engine == engine
+    ahead = begun if begun is not None and same else Ahead((), engine)
+    ahead.load(names)
     try:
         yield replace(engine, ahead=ahead)
     finally:
