@@ -24,7 +24,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import httpx
 import numpy as np
@@ -279,7 +279,8 @@ def drafts(photo: Path, folder: Path, count: int = 4, pause: float = 6.0) -> Non
         with httpx.Client(base_url=server.url, timeout=60) as client:
             for number in range(count):
                 time.sleep(pause)
-                begin, begun, state = time.monotonic(), dict[str, float](), {"state": "queued"}
+                begin, begun = time.monotonic(), dict[str, float]()
+                state: dict[str, Any] = {"state": "queued"}
                 job = post(client, photo.read_bytes(), number, quality="draft").json()["id"]
                 while state["state"] in ("queued", "running"):
                     state = client.get(f"/v1/avatars/{job}").json()
