@@ -4,6 +4,7 @@ import io
 import json
 import zipfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,14 +88,20 @@ class Service:
         return self.client.get(f"/v1/avatars/{job}/archive.zip").content
 
 
-@pytest.fixture(scope="session")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    settings = {"jobs": 2, "program": "service.jobs.avatar_process"}
-    server = Server(tmp_path_factory.mktemp("served") / "data", settings)
+@contextmanager
+def running(data: Path) -> Iterator[Service]:
+    """A service on a folder until the end of the block."""
+    server = Server(data, {"jobs": 2, "program": "service.jobs.avatar_process"})
     server.start()
     with httpx.Client(base_url=server.url, timeout=120) as client:
         yield Service(server, client)
     assert server.stop() == 0
+
+
+@pytest.fixture(scope="session")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    with running(tmp_path_factory.mktemp("served") / "data") as made:
+        yield made
 
 
 @pytest.fixture(scope="session")

@@ -41,13 +41,14 @@ def dataclasses_in(annotation: Any, seen: set[type]) -> set[type]:
     """Adds the dataclasses that a type mentions, and those of their fields, to ``seen``.
 
     Raises:
-        AssertionError: there is a class that cannot be kept.
+        AssertionError: there is a class that cannot be kept, or a type that does not tell.
     """
-    for argument in typing.get_args(annotation):
+    kind = typing.get_origin(annotation) or annotation
+    for argument in typing.get_args(annotation) if kind is not np.ndarray else ():
         if not isinstance(argument, str | int):  # of a Literal
             dataclasses_in(argument, seen)
-    kind = typing.get_origin(annotation) or annotation
-    if not isinstance(kind, type) or kind in (Any, UnionType):
+    assert kind is not Any, "Any would hide a class that cannot be kept"
+    if not isinstance(kind, type) or kind is UnionType:
         return seen
     if not is_dataclass(kind):
         assert issubclass(kind, (*PLAIN, np.dtype)), f"no {kind.__qualname__} can be kept"

@@ -91,8 +91,3 @@ def checks(points: Array) -> Array:
     """Checkerboard of 12 mm in x and y about a skin tone, the same on both sides of the head."""
     dark = (np.floor(np.abs(points[:, 0]) / 0.012) + np.floor((points[:, 1] + 1) / 0.012)) % 2
     return np.asarray(SKIN) * (1 - 0.25 * dark[:, None])
-
-
-def one_sided_light(points: Array) -> Array:
-    """SkinModel that is a third darker on the head's right (-x), with a soft passage."""
-    return np.asarray(SKIN) * (1 - 0.33 / (1 + np.exp(points[:, :1] / 0.01)))

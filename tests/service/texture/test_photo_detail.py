@@ -98,21 +98,6 @@ def test_the_texture_is_as_large_as_the_photo_holds(scene: tuple[Photo, Texture,
 
 
 SHARP, FIT = photograph(HEAD, turned(0, 1000), spots), fitted(HEAD, turned(0, 1000))
-def noise(shape: tuple[int, ...]) -> Float32:
-    """Of luma and of colour, as a sensor's at ISO 12800."""
-    random = np.random.default_rng(7)
-    return np.asarray(random.normal(0, 14, shape[:2])[..., None] + random.normal(0, 10, shape), np.float32)
-
-
-def iso_12800(image: Float32) -> Float32:
-    return np.asarray(image + noise(image.shape), np.float32)
-
-
-def blotchy(image: Float32) -> Float32:
-    """The same after a camera's denoising."""
-    return np.asarray(image + cv2.GaussianBlur(noise(image.shape), (0, 0), 0.7), np.float32)
-
-
 def own_of(photo: Photo) -> tuple[Texture, OwnDetail]:
     texture = make_texture(photo, HEAD, FIT, CHART, bare(HEAD, turned(0, 1000)))
     return texture, OwnDetail.of(photo, HEAD, FIT, texture)
