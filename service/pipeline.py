@@ -30,8 +30,8 @@ from service.anatomy.eyes import eye_parts
 from service.anatomy.items import read_insets, read_items
 from service.anatomy.mouth import mouth_parts
 from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo, to_albedo, worn
-from service.archive.avatar import Avatar, Drawn, Source, model_cards
-from service.archive.pack import draw
+from service.archive.avatar import Avatar, Drawn, Shapes, Source, model_cards
+from service.archive.pack import draw, draw_shapes
 from service.budget import within_budget
 from service.diagnosis import peak_rss_mb
 from service.face.features.eye_colours import NAMED_IRISES
@@ -176,10 +176,10 @@ def make_avatar(
         step = options.level.part_texture_step
         mouth = pool.submit(mouth_parts, head, fit, texture.tooth, step)  # made while the networks run
         eyes = pool.submit(eye_parts, head, fit, texture.iris, step)
-        parts = (*cards.result(), *worn(head, fit, texture.texture, brows))
+        parts = pool.submit(lambda: (*cards.result(), *worn(head, fit, texture.texture, brows)))
 
         def compared() -> IdentitySimilarity:
-            shown = [part for part in parts if part.name != BROWS]  # the texture has the photo's own
+            shown = [part for part in parts.result() if part.name != BROWS]  # the texture has the photo's own
             try:
                 return kept("compare", likeness, photo, face, head, fit, texture.texture, networks.recogniser(), shown)
             finally:
@@ -189,11 +189,11 @@ def make_avatar(
 
         def so_far(made: Reflectance | None) -> Avatar:
             """The avatar with maps as far as they are made, its parts without the photo's light."""
-            own_hair, own_parts = hair, parts
+            own_hair, own_parts = hair, parts.result()
             if made is not None and made.diffuse_albedo is not None:
                 albedo = small_albedo(made.diffuse_albedo, texture.texture.shape[1::-1])
                 light = to_albedo(texture.texture, albedo, texture.lit_skin)
-                own_hair, own_parts = hair_in_albedo(hair, in_albedo(parts, brows, head, albedo, light), light)
+                own_hair, own_parts = hair_in_albedo(hair, in_albedo(own_parts, brows, head, albedo, light), light)
             return Avatar(
                 photo=photo,
                 face=face,
@@ -211,11 +211,13 @@ def make_avatar(
                 warnings=(*warnings, *((LEFT_OUT,) if gathered.left_out else ())),
             )
 
-        ahead: list[tuple[Avatar, Future[Drawn]]] = []
+        ahead: list[tuple[Avatar, Future[Drawn], Future[Shapes]]] = []
 
         def draw_early(made: Reflectance) -> None:
             avatar = so_far(made)
-            ahead.append((avatar, pool.submit(draw, replace(avatar, reflectance=made))))
+            ahead.append(
+                (avatar, pool.submit(draw, replace(avatar, reflectance=made)), pool.submit(draw_shapes, avatar))
+            )
 
         reflectance, own_texture, own = None, None, None
         if options.level.super_resolution or options.texture_size != "auto":
@@ -244,13 +246,14 @@ def make_avatar(
             stage.timings |= reflectance.timings_s
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
 
-        avatar, drawn = ahead[0] if ahead else (so_far(reflectance), None)
+        avatar, drawn, shapes = ahead[0] if ahead else (so_far(reflectance), None, None)
         return replace(
             avatar,
             reflectance=reflectance,
             surface=surface,
             similarity=similarity.result(),
             drawn=None if drawn is None else drawn.result(),
+            shapes=None if shapes is None else shapes.result(),
             timings_s=stage.timings,
             peak_rss_mb=peak_rss_mb(),
         )

@@ -74,6 +74,15 @@ class Drawn:
 
 
 @dataclass(frozen=True)
+class Shapes:
+    """Text of an avatar's meshes: OBJ of the head, and of its parts, and USD up to the materials."""
+
+    head: bytes
+    parts: bytes
+    usda: str
+
+
+@dataclass(frozen=True)
 class Avatar:
     """All results of the photos of one person, or of an external mesh and texture.
 
@@ -99,7 +108,7 @@ class Avatar:
         similarity: identity check, or None where it did not run.
         effects: names of the effects that are simulated in the previews, empty while there are none.
         warnings: stable codes of the run; :meth:`all_warnings` adds those of photo, face, fit and texture.
-        drawn: what was drawn of it while its maps were made; None: nothing was.
+        drawn, shapes: what was drawn and written of it while its maps were made; None: nothing was.
         timings_s: seconds per stage; only written to the archive on request, see ``docs/archive.md``.
         peak_rss_mb: largest resident memory in MiB, written likewise.
     """
@@ -124,6 +133,7 @@ class Avatar:
     effects: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     drawn: Drawn | None = None
+    shapes: Shapes | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
     peak_rss_mb: float | None = None
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from service import GENERATOR
-from service.archive.avatar import Avatar, Drawn, drawn_parts, licences_text
+from service.archive.avatar import Avatar, Drawn, Shapes, drawn_parts, licences_text
 from service.archive.container import write_file, write_stream
 from service.archive.describe import describe
 from service.archive.glb import EncodedPicture, glb_bytes, weights_by_name
@@ -20,7 +20,7 @@ from service.archive.images import encode_jpeg, encode_png
 from service.archive.maps import MapFiles, chart_pictures, chart_values, encode_map, map_files, map_wanted
 from service.archive.obj import data_maps, mtl_bytes, obj_bytes, parts_obj_bytes
 from service.archive.surfaces import displaced, joint_weights, skeleton, subdivided_head
-from service.archive.usd import curves_bytes, usda_bytes
+from service.archive.usd import curves_bytes, usda_bytes, usda_meshes
 from service.archive.usd_materials import mtlx_bytes
 from service.arrays import Float32
 from service.levels import LEVELS
@@ -86,29 +86,19 @@ def meshes(
         NumericFault: a vertex is not finite, or names of parts are ambiguous.
     """
     head, fit, made = avatar.head, avatar.fit, avatar.reflectance
-    title = f"{GENERATOR}: {head.name} {'with maps of its own' if avatar.given else 'fitted to a photo'}"
+    title, shapes = _title(avatar), avatar.shapes or draw_shapes(avatar)
     materials = [part.material for part in parts]
-    weights = weights_by_name(head.expression_names, fit.expression)
-    joints = skeleton(head, fit.neutral)
     files = {
-        "mesh/head.obj": obj_bytes(head, fit.vertices, title),
-        **({"mesh/parts.obj": parts_obj_bytes(avatar.parts, title)} if avatar.parts else {}),
+        "mesh/head.obj": shapes.head,
+        **({"mesh/parts.obj": shapes.parts} if avatar.parts else {}),
         "mesh/head.mtl": mtl_bytes([*map(material_of, head.part_names), *materials], maps),
         "mesh/head.mtlx": mtlx_bytes(materials, maps),
-        "mesh/head.usda": usda_bytes(
-            parts,
-            maps,
-            title,
-            units=head.expression_names,
-            expression=weights,
-            joints=joints,
-            weights=joint_weights(head, joints),
-        ),
+        "mesh/head.usda": usda_bytes(shapes.usda, parts, maps),
         "mesh/head.glb": glb_bytes(
             parts,
             pictures(),
             units=head.expression_names,
-            expression=weights,
+            expression=weights_by_name(head.expression_names, fit.expression),
             head=head.name,
             licence=head.licence,
             own=textures(),
@@ -132,6 +122,26 @@ def _maps(avatar: Avatar) -> dict[str, bytes]:
     with ThreadPoolExecutor(2) as pool:
         packed = pool.map(lambda one: encode_map(one, avatar), wanted)
         return {one.path: data for one, data in zip(wanted, packed, strict=True) if data is not None}
+
+
+def draw_shapes(avatar: Avatar) -> Shapes:
+    """Text of an avatar's meshes, which has nothing of its maps."""
+    head, fit, title = avatar.head, avatar.fit, _title(avatar)
+    joints = skeleton(head, fit.neutral)
+    usda = usda_meshes(
+        drawn_parts(avatar),
+        title,
+        units=head.expression_names,
+        expression=weights_by_name(head.expression_names, fit.expression),
+        joints=joints,
+        weights=joint_weights(head, joints),
+    )
+    parts = parts_obj_bytes(avatar.parts, title) if avatar.parts else b""
+    return Shapes(obj_bytes(head, fit.vertices, title), parts, usda)
+
+
+def _title(avatar: Avatar) -> str:
+    return f"{GENERATOR}: {avatar.head.name} {'with maps of its own' if avatar.given else 'fitted to a photo'}"
 
 
 def draw(avatar: Avatar) -> Drawn:

@@ -40,21 +40,19 @@ _MATERIALS = '    def Scope "Materials"\n    {\n'
 _VERTEX = 'interpolation = "vertex"'
 
 
-def usda_bytes(
+def usda_meshes(
     parts: Sequence[MeshPart],
-    files: MapFiles,
     title: str,
     *,
     units: Sequence[str],
     expression: Mapping[str, float],
     joints: Skeleton,
     weights: Mapping[str, Float32],
-) -> bytes:
-    """USD text of the parts.
+) -> str:
+    """USD text of the parts up to their materials, for :func:`usda_bytes`.
 
     Args:
         parts: meshes in the order of the file.
-        files: where the maps lie.
         title: for the stage's documentation.
         units: names of the blendshapes.
         expression: weight of each in the photo; 0 where it has none.
@@ -67,8 +65,13 @@ def usda_bytes(
     values = [1.0 if name == REST else float(expression.get(name, 0.0)) for name in names]
     blocks = [_STAGE.format(prim="Head", title=title), _ROOT, _skeleton(joints, names, values).text("    ")]
     blocks += [_mesh(part, shapes[part.name], weights.get(part.name)).text("    ") for part in parts]
+    return "".join(blocks)
+
+
+def usda_bytes(meshes: str, parts: Sequence[MeshPart], files: MapFiles) -> bytes:
+    """The file of the parts, whose ``usda_meshes`` are given; ``files`` says where the maps lie."""
     used = {part.material.name: part.material for part in parts}
-    blocks += [_MATERIALS, *(material_text(material, files) for material in used.values())]
+    blocks = [meshes, _MATERIALS, *(material_text(material, files) for material in used.values())]
     return "".join([*blocks, "    }\n}\n"]).encode("ascii")
 
 
