@@ -29,7 +29,7 @@ from service.robust import smoothstep
 from service.texture.blending import Blend, Layer, blend
 from service.texture.finer_cover import finer_cover, in_the_dark
 from service.texture.inpainting import Completed, complete_skin, grain
-from service.texture.part_colours import paint_parts
+from service.texture.part_colours import Parts, paint_parts
 from service.texture.unwrap import (
     Unwrapped,
     Zones,
@@ -70,6 +70,8 @@ class Texture:
 
     Attributes:
         texture: (H, W, 3) uint8 sRGB, the photo's light baked in.
+        bright: (H, W, 3) uint8, the same with skin that is too dark in the photo for its colour to be told completed as
+            where the photo shows none; None: there is none.
         confidence: (H, W) uint8: ``SEEN`` to 255 seen in the photo, ``MIRRORED`` to ``SEEN - 1`` mirrored from the
             other side, each by weight; 0 inpainted.
         lit_skin: (H, W) uint8, 255 where the texel is skin of the photo, seen or mirrored, so that the light can be
@@ -105,6 +107,12 @@ class Texture:
     tooth: Float32 | None = None
     roots: UInt8 | None = None
     photos: tuple[PhotoTexture, ...] = ()
+    bright: UInt8 | None = None
+
+    @property
+    def legible(self) -> UInt8:
+        """(H, W, 3) uint8 sRGB in the photo's light, what albedo is told from."""
+        return self.texture if self.bright is None else self.bright
 
 
 OVERALL_SMOOTHNESS = 12.0
@@ -188,7 +196,7 @@ def left_by_roots(texture: Texture, hair: WornHair | None) -> UInt8 | None:
         return None
     # Colour of roots over the mean of the hair's strands: no light gets between them.
     root = np.clip(hair.root_colour * np.float32(0.8), 0, 1)
-    left = np.minimum(root / np.maximum(bytes_to_linear(texture.texture), np.float32(1e-3)), 1)  # never lighter
+    left = np.minimum(root / np.maximum(bytes_to_linear(texture.legible), np.float32(1e-3)), 1)  # never lighter
     return to_bytes(1 + texture.roots[..., None] * np.float32(1 / 255) * (left - 1))
 
 
@@ -205,14 +213,14 @@ class Unwrappings:
 
     Attributes:
         zones: of the inner texels (N,).
-        sights: of each photo what it shows, the parts (N, 13) read there, and (N,) how far these alone hide the head;
-            none of the last where nothing was read.
+        sights: of each photo what it shows, the parts (N, 13) read there, and (N,) how far strands and rims hide the
+            head, and darkness its colour; 0 where nothing was read.
         normals: of ``shape_normals``.
         depth: of ``depth_map``.
     """
 
     zones: Zones
-    sights: tuple[tuple[Unwrapped, Float32, Float32 | None], ...]
+    sights: tuple[tuple[Unwrapped, Float32, Float32, Float32], ...]
     normals: tuple[Float32, Float32]
     depth: Float32
 
@@ -254,23 +262,34 @@ def make_texture(
     views = [(photo, fit, reading), *((view.photo, other, view.reading) for view, other in others)]
     known = known or Unwrappings.of(chart, views)
     zones = known.zones
-    layers = [_layer(chart, zones, *sight, bald=bald) for sight in known.sights]
-    mixed = blend(chart, layers, [one for _, one, _ in views], zones)
+
+    def made(darkness: bool) -> tuple[list[Layer], Blend, Completed, Parts]:
+        """What photos show, mixed and completed, with eyes and mouth; darkness is taken for skin, or for no photo."""
+        layers = [
+            _layer(chart, zones, seen, part, np.maximum(cover, dark * np.float32(not darkness)), bald=bald)
+            for seen, part, cover, dark in known.sights
+        ]
+        mixed = blend(chart, layers, [one for _, one, _ in views], zones)
+        unwrapped, part, _, found = (getattr(mixed.layer, name) for name in _LAYER)
+        scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
+        on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
+        fallback = DEFAULT_SKIN if found.colour is None else found.colour
+        completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp, SEEDS[0])
+        person, sure = fallback if fit.cheek is None else fit.cheek, _confidence(completed)
+        given = chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person
+        return layers, mixed, completed, paint_parts(*given)
+
+    layers, mixed, completed, parts = made(darkness=False)
     unwrapped, part, weight, found = (getattr(mixed.layer, name) for name in _LAYER)
-    scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
-    on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
-    fallback = DEFAULT_SKIN if found.colour is None else found.colour
-    completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp, SEEDS[0])
+    texture, bright = chart.fill_outside(chart.spread(parts.colour)), None
+    if any((dark > 0.5).any() for _, _, _, dark in known.sights):
+        texture, bright = chart.fill_outside(chart.spread(made(darkness=True)[-1].colour)), to_bytes(texture)
     roots = None
     if bald:
         shadow = root_shadow(chart, None if reading is None else part, weight, zones)
         roots = to_bytes(chart.fill_outside(chart.spread(shadow[:, None])[..., 0]))
-    person = fallback if fit.cheek is None else fit.cheek
-    sure = _confidence(completed)
-    parts = paint_parts(chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person)
 
     (exact, tangent), depth = known.normals, known.depth
-    texture = chart.fill_outside(chart.spread(parts.colour))
     for name, values in (("texture", texture), ("normals", exact), ("tangent normals", tangent), ("depth", depth)):
         if not np.isfinite(values).all():
             raise NumericFault(f"the {name} map has {int((~np.isfinite(values)).sum())} values that are not finite")
@@ -287,7 +306,7 @@ def make_texture(
     return Texture(
         to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings,
         to_bytes(parts.albedo), parts.iris, parts.tooth, roots,
-        _per_photo(chart, layers, mixed, parts.colour) if others else (),
+        _per_photo(chart, layers, mixed, parts.colour) if others else (), bright,
     )  # fmt: skip
 
 
@@ -296,24 +315,23 @@ _LAYER = ("unwrapped", "parts", "weight", "found")
 
 def _sight(
     chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None
-) -> tuple[Unwrapped, Float32, Float32 | None]:
+) -> tuple[Unwrapped, Float32, Float32, Float32]:
     """One of the sights of :class:`Unwrappings`."""
     unwrapped = unwrap(photo, fit, chart)
     if reading is None:
-        return unwrapped, parts_of_face(chart, unwrapped, zones), None
+        nothing = np.zeros_like(unwrapped.weight)
+        return unwrapped, parts_of_face(chart, unwrapped, zones), nothing, nothing
     part = parts_at(reading, fit, unwrapped)
-    cover = np.maximum(finer_cover(chart, unwrapped, part, zones), in_the_dark(chart, unwrapped, part, zones))
-    return unwrapped, part, cover
+    read = chart, unwrapped, part, zones
+    return unwrapped, part, finer_cover(*read), in_the_dark(*read)
 
 
 def _layer(
-    chart: Chart, zones: Zones, unwrapped: Unwrapped, part: Float32, cover: Float32 | None, *, bald: bool
+    chart: Chart, zones: Zones, unwrapped: Unwrapped, part: Float32, cover: Float32, *, bald: bool
 ) -> Layer:
     """What one photo shows of the head."""
     weight = unwrapped.weight
-    hidden = covered(part, zones, bald=bald)
-    if cover is not None:
-        hidden = np.maximum(hidden, cover)
+    hidden = np.maximum(covered(part, zones, bald=bald), cover)
     hidden = np.maximum(widened(chart, hidden) if bald else hidden, shows_opening(part, zones))
     bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
     unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)

@@ -13,7 +13,7 @@ from service.face.reading.part_labels import SKIN as SKIN_READ
 from service.geometry.chart import Chart
 from service.map_registry import SEEN
 from service.photo.photo import Photo
-from service.texture.texture import Texture, make_texture
+from service.texture.texture import Texture, Unwrappings, make_texture
 from tests.service.texture.scenes import SKIN, checks, fitted, photograph, plain, read_off, turned
 from tests.toyhead import sphere_head
 
@@ -53,6 +53,24 @@ def test_checks_come_back_where_they_were_seen() -> None:
     error = _error(texture, seen, checks(POINTS.reshape(-1, 3)).reshape(POINTS.shape))
     assert np.median(error) < 0.01
     assert np.mean(error > 0.1) < 0.12  # texels across an edge of the checks
+
+
+def test_albedo_is_told_from_skin_completed_in_the_dark_and_the_texture_shows_what_the_photo_does() -> None:
+    shown = photograph(HEAD, turned(0), lambda points: np.where(points[:, :1] > 0, 0.02, 1.0) * SKIN)
+    fit, reading = fitted(HEAD, turned(0)), read_off(HEAD, turned(0), _parts)
+    known = Unwrappings.of(CHART, [(shown, fit, reading)])
+    texture = make_texture(shown, HEAD, fit, CHART, reading, known=known)
+    unwrapped, part, cover, dark = known.sights[0]
+    plain = make_texture(
+        shown, HEAD, fit, CHART, reading, known=replace(known, sights=((unwrapped, part, cover, 0 * dark),))
+    )
+    assert plain.bright is None
+    assert np.array_equal(texture.texture, plain.texture)
+    place = POINTS[CHART.texels // CHART.width, CHART.texels % CHART.width]
+    hidden = (dark > 0.9) & (place[:, 0] > 0.01)
+    assert hidden.sum() > 200
+    half = np.unravel_index(CHART.texels[hidden], SKIN_MASK.shape)
+    assert np.median(texture.texture[half]) < 40 and np.median(texture.legible[half]) > 120
 
 
 def test_unseen_half_is_the_mirror_image() -> None:
