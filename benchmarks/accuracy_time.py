@@ -3,23 +3,39 @@
 The runs of ``avatarme bench`` on a rendered photo whose head and albedo are known, one of ``benchmarks.corrections``
 (DIR is its folder). To the table of that command this adds how far albedo and normals are from the truth, by which the
 Pareto front is told, and seconds against the number of photos of one person.
+
+``--networks`` prints instead what each network of the maps takes of a tile, as installed, on onnxruntime and in PyTorch
+eager, with its floor (its work at the rate of a matrix product, or its planes at the rate of a copy), and how much of a
+``standard`` of the sample photo passes while no network runs.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from models.tables import tell
+from service import diagnosis
 from service.archive.avatar import Avatar
+from service.archive.pack import write_archive
+from service.arrays import Float32
 from service.bench.report import as_markdown
 from service.bench.runs import Bench, Row, isolated, line, make, run_bench, runs
+from service.levels import FULL_SIZE
 from service.options import Options
+from service.pipeline import make_avatar
+from service.runtime import networks
+from service.runtime.networks import Engine, choose_engine, open_network
+from service.runtime.tiles import DEFAULT_TILE, tiles
 
 MARK = ("<!-- bench -->", "<!-- /bench -->")
 PHOTO = "ffhq_soft"
@@ -84,13 +100,107 @@ def draw(bench: Bench, path: Path) -> None:
     figure.savefig(path, dpi=90, metadata={"Software": None})
 
 
+def per_tile(compute: Callable[[Float32], object], maps: Float32, lanes: int) -> float:
+    """Seconds that each of so many inputs takes that are computed at once; the best of three tries."""
+    taken = []
+    with ThreadPoolExecutor(lanes) as pool:
+        list(pool.map(compute, [maps] * lanes))
+        for _ in range(3):
+            begin = time.perf_counter()
+            list(pool.map(compute, [maps] * lanes))
+            taken.append((time.perf_counter() - begin) / lanes)
+    return min(taken)
+
+
+def rates(precision: str) -> tuple[float, float]:
+    """FLOP a second of a matrix product, and bytes a second that a copy reads and writes."""
+    import torch
+
+    factor = torch.ones(3072, 3072, dtype=torch.bfloat16 if precision == "bf16" else torch.float32)
+    block = np.ones((1, 1, 1, 1 << 26), np.float32)
+    product = per_tile(lambda maps: factor @ factor, block, 1)
+    return 2 * 3072**3 / product, 2 * block.nbytes / per_tile(np.copy, block, 1)
+
+
+def network_rows() -> list[str]:
+    """A table of the networks of ``standard``: milliseconds of a tile, and of the whole map in PyTorch and here."""
+    import torch
+    from torch.utils.flop_counter import FlopCounterMode
+
+    from export.networks.convert import parts_of
+    from models.networks.configs import build
+
+    engine, plain = choose_engine(), choose_engine("onnxruntime")
+    torch.set_num_threads(engine.threads)
+    product, copy = rates(engine.precision)
+    lines = [
+        f"{engine.runtime} {engine.precision}, {engine.threads} threads; a matrix product {product / 1e9:.0f} GFLOP/s, "
+        f"a copy {copy / 1e9:.1f} GB/s", "",
+        "| network | tiles of a map | ms a tile | onnxruntime | PyTorch | times eager | floor, ms | times its floor |",
+        "|---" * 8 + "|",
+    ]  # fmt: skip
+    eager, here = 0.0, 0.0
+    for family in ("zeta", "delta_context", "delta", "psi", "rho", "sigma"):
+        for part in parts_of(family, build(family).eval()):
+            with open_network(part.name, engine) as own, open_network(part.name, plain) as other:
+                what, (wide, high) = own.description, FULL_SIZE
+                size = what.whole or (DEFAULT_TILE + 2 * what.margin,) * 2
+                if part.name == "zeta_tail":
+                    wide, high = (side // what.scale for side in FULL_SIZE)
+                count = 1 if what.whole else len(tiles(wide, high, DEFAULT_TILE, what.stride))
+                drawn = np.random.default_rng(0).uniform(-1, 1, (len(what.channels), size[1], size[0]))
+                maps = np.asarray(drawn, np.float32)
+                taken = [per_tile(one.run, maps, one.lanes) for one in (own, other)]
+                tensor = torch.from_numpy(maps)[None]
+                with torch.inference_mode(), FlopCounterMode(display=False) as counter:
+                    moved = 4 * (tensor.numel() + part.module(tensor).numel())
+                with torch.inference_mode():
+                    taken.append(per_tile(lambda maps: part.module(tensor), maps, 1))  # noqa: B023
+            floor = max(counter.get_total_flops() / product, moved / copy)
+            eager, here = eager + count * taken[2], here + count * taken[0]
+            cells = [*(1e3 * one for one in taken), taken[2] / taken[0], 1e3 * floor, taken[0] / floor]
+            lines.append(f"| {part.name} | {count} | " + " | ".join(f"{one:.1f}" for one in cells) + " |")
+    lines += ["", f"All tiles of a standard: {here:.1f} s, in PyTorch eager {eager:.1f} s: {eager / here:.1f} times."]
+    return lines
+
+
+def outside_networks() -> str:
+    """What of a standard of the sample photo passes while no network of the maps computes."""
+    spans, load = list[tuple[float, float]](), networks.load_network
+
+    def watched(name: str, engine: Engine) -> networks.Loaded:
+        what, compute = load(name, engine)
+
+        def timed(maps: Float32) -> Float32:
+            begin = time.perf_counter()
+            try:
+                return compute(maps)
+            finally:
+                spans.append((begin, time.perf_counter()))
+
+        return what, timed
+
+    networks.load_network = watched
+    begin = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        write_archive(make_avatar(diagnosis.SAMPLE.read_bytes(), Options()), Path(folder) / "avatar.zip")
+    seconds, busy, end = time.perf_counter() - begin, 0.0, 0.0
+    for first, last in sorted(spans):
+        busy, end = busy + max(last - max(first, end), 0.0), max(end, last)
+    return f"A standard: {seconds:.1f} s, of these a network computes {busy:.1f} s, and none {seconds - busy:.1f} s."
+
+
 def main(
     data: Annotated[Path | None, typer.Option(help="Folder of reference heads; else $AVATARME_BENCH_DATA.")] = None,
     cache: Annotated[Path | None, typer.Option(help="Folder that keeps what was rendered.")] = None,
     quick: Annotated[bool, typer.Option(help="Three small runs, and no more than two photos.")] = False,
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into, with a plot.")] = None,
+    of_networks: Annotated[bool, typer.Option("--networks", help="Measure the networks of the maps instead.")] = False,
 ) -> None:
     """Print the tables."""
+    if of_networks:
+        print(isolated(outside_networks), *network_rows(), sep="\n")
+        return
     from benchmarks.corrections.__main__ import CACHE
     from benchmarks.corrections.photos import photos
     from benchmarks.shoot import data_folder

@@ -169,8 +169,9 @@ def make_avatar(
         with stage("texture"):
             cards = pool.submit(lambda: hair_cards(hair, head, fit.neutral, options.quality, options.seed))
             bald = hair.bald_beneath
-            given = photo, head, fit, chart, reading, bald, gathered.others, known.result()
-            texture = kept("texture", make_texture, *given)
+            given = photo, head, fit, chart, reading, bald, gathered.others
+            texture = kept("texture", make_texture, *given, known.result())
+            del known  # its memory
             if options.eye_colour != "auto":
                 texture = replace(texture, iris=NAMED_IRISES[options.eye_colour])
         step = options.level.part_texture_step

@@ -19,6 +19,7 @@ from service.archive.avatar import Avatar
 from service.colour import linear_to_srgb
 from service.geometry.chart import Chart
 from service.map_registry import SEEN
+from service.reflectance.reflectance_maps import unpack_normals
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -63,12 +64,14 @@ class Judge:
         truth: (N, 3) sRGB-coded albedo there.
         unseen_uv: (M, 2) the same of texels of unseen skin; M may be 0.
         unseen_truth: (M, 3).
+        normal: (N, 3) true unit normals, in the frame of the fitted head.
     """
 
     uv: Float
     truth: Float
     unseen_uv: Float
     unseen_truth: Float
+    normal: Float
 
     @classmethod
     def of(cls, photo: Photo, avatar: Avatar) -> Judge:
@@ -87,11 +90,28 @@ class Judge:
         step = max(1, int(face.sum()) // MATCHES)
         placed = similarity(view.points[face][::step], position[face][::step])
         uv, colours = _unseen(photo, avatar, placed)
-        return cls(view.uv[face], _coded(truth.albedo[face]), uv, _coded(colours))
+        return cls(view.uv[face], _coded(truth.albedo[face]), uv, _coded(colours), normal[face] @ placed[1].T)
 
     def score(self, albedo: npt.NDArray[np.floating]) -> Score:
         """Of a map (h, w, 3) on the chart, sRGB-coded in [0, 1]."""
         return self._of(at_chart(albedo, self.uv), at_chart(albedo, self.unseen_uv))
+
+    def relief(self, avatar: Avatar) -> float:
+        """PSNR in dB of the specular normals of seen skin, components brought to [0, 1]; the truth has no pores.
+
+        Raises:
+            ValueError: the avatar has no specular normals.
+        """
+        if avatar.reflectance is None or avatar.reflectance.specular_normal is None:
+            raise ValueError("relief is scored by specular normals, which were not made")
+        bumps = unpack_normals(avatar.reflectance.specular_normal)
+        frame = Chart.build(avatar.head, bumps.shape[1], bumps.shape[0]).frame(avatar.fit.vertices)
+        axes = (frame.tangent, frame.bitangent, frame.normal)
+        found = at_chart(
+            sum((bumps[..., k, None] * axis for k, axis in enumerate(axes)), np.zeros_like(bumps)), self.uv
+        )
+        found /= np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9)
+        return -10 * float(np.log10(max(float(np.square((found - self.normal) / 2).mean()), 1e-10)))
 
     def flat(self) -> Score:
         """Of the one colour that is the mean of the true ones: what any effort has to beat."""

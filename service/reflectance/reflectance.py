@@ -8,7 +8,7 @@
                                                        --sigma--> diffuse normals
 
 Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of two tiles. Of
-maps that are ``SMALL`` stages run side by side, where neither needs the other.
+maps that are small (``SMALL_MAP``) stages run side by side, where neither needs the other.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from service.reflectance.translate import MapInputs, specular_albedo, tangent_no
 from service.runtime.network_registry import CLUES, DRAWN_DETAIL, GEOMETRY, PARTS, SHADED_GREY
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.sessions import release
-from service.runtime.tiles import DEFAULT_TILE
+from service.runtime.tiles import DEFAULT_TILE, SMALL_MAP
 from service.stage_cache import Depending, NoCache, StageCache
 from service.texture.photo_detail import OwnDetail
 
@@ -67,10 +67,6 @@ Unlit = tuple[Codes, Codes | None, tuple[manifest.CorrectionEntry, ...], manifes
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of all the reflectance work that is done."""
 
-
-SMALL = 1536 * 1024
-"""Texels of a map up to which memory is no matter: stages run side by side, and what one leaves is kept for the next,
-as fresh pages took a tenth of a draft."""
 
 Beside = Callable[[Callable[[], T]], Callable[[], T]]
 """Takes work, and gives a function that returns its result."""
@@ -116,7 +112,7 @@ def make_reflectance(
     """
     plain = replace(subject, roots=None, wrinkles=1.0)  # networks make the same maps, whatever is corrected of these
     given = texture, plain, plan, size, seed, detail, tuple(without), own
-    run = _Run(plan, Depending(stages, given), progress, small=size[0] * size[1] <= SMALL and tile >= DEFAULT_TILE)
+    run = _Run(plan, Depending(stages, given), progress, small=size[0] * size[1] <= SMALL_MAP and tile >= DEFAULT_TILE)
     chart, depth = subject.chart, subject.wrinkles
 
     def colour(made: Reflectance) -> Codes | None:

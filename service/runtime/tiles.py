@@ -19,7 +19,7 @@ from service.arrays import Bool, Float32
 from service.errors import ModelFault
 from service.image_filters import marked_columns
 from service.runtime.networks import Description, Network
-from service.runtime.sessions import prompt_release
+from service.runtime.sessions import prompt_release, release
 
 Indices = npt.NDArray[np.int64]
 
@@ -46,6 +46,10 @@ class Tile:
         """Where the rectangle lies in the output."""
         return slice(self.top * scale, self.bottom * scale), slice(self.left * scale, self.right * scale)
 
+
+SMALL_MAP = 1536 * 1024
+"""Texels of a map up to which memory is no matter: stages run side by side, and what one leaves is kept for the next,
+as fresh pages took a tenth of a draft."""
 
 Write = Callable[[Tile, Float32], None]
 """Takes a tile and its result (K, scale h, scale w)."""
@@ -112,6 +116,8 @@ def run_tiles(
     with ThreadPoolExecutor(network.lanes) as pool:
         for index, _ in enumerate(pool.map(work, todo)):
             progress((index + 1) / len(todo))
+    if size[0] * size[1] > SMALL_MAP:
+        release()
 
 
 def _inside(result: Float32, one: Tile, what: Description) -> Float32:
