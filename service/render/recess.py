@@ -86,6 +86,10 @@ class Arriving:
     mirror: Float32
     lamps: Float32
 
+    def part(self, rows: slice) -> Arriving:
+        """What reaches some of the points."""
+        return Arriving(self.irradiance[rows], self.openness[rows], self.mirror[rows], self.lamps[rows])
+
     def between(self, read: Callable[[Float32], Float32]) -> Arriving:
         """The same at F points, whose values ``read`` interpolates: (F, C) of (N, C)."""
         whole = np.concatenate([self.irradiance, self.openness[:, None], self.mirror[:, None], self.lamps], 1)
@@ -137,6 +141,7 @@ class RecessLight:
             whole: the head and what is opaque beside it, as casters of sharp shadows and of soft ones.
         """
         recesses: dict[str, list[tuple[SeenPart, Bool]]] = {name: [] for name in RECESSES}
+        open_parts: dict[str, list[tuple[SeenPart, Bool]]] = {}
         eye = np.array(self.viewpoint, np.float32)
         strands = None if self.hair is None else StrandLight(self.light, self.graphs, self.hair, eye)
         shares: dict[str, Float32] = {}
@@ -147,29 +152,41 @@ class RecessLight:
                     shares[one.part.name] = strands.shares(one.part)
                 strands.lit(one, one.along, shares[one.part.name], visible)
             elif where is None and one.part.material.alpha == "opaque":
-                self._light_outside(one, visible, whole, skin_around([one.part], seen.position_m, skin))
+                open_parts.setdefault(one.part.name, []).append((one, visible))
             elif where is None:
                 lit = open_light(self.light, self.graphs, one.part.vertices, one.drawn.normals)
                 one.radiance = one.colour * one.between(lit)
             elif visible.any():
                 recesses[where].append((one, visible))
+        for layers in open_parts.values():
+            self._light_outside(layers, whole, skin_around([layers[0][0].part], seen.position_m, skin))
         for name, inside in recesses.items():
             if inside:
                 own = [one.part for one in seen.model.parts if recess_of(one.part.name) == name]
                 around = surroundings(own, seen.model, self.detail.recess_mm, self.graphs)
                 self._light_recess(inside, around, skin_around(own, seen.position_m, skin))
 
-    def _light_outside(self, one: SeenPart, visible: Bool, whole: tuple[Occluders, Occluders], skin: Float32) -> None:
-        """Light a part in the open: by the sky at its vertices, by lamps, whose shadows are sharp, at each fragment."""
-        own = np.concatenate([one.part.vertices, one.drawn.normals], 1).astype(np.float32)
+    def _light_outside(
+        self, layers: Sequence[tuple[SeenPart, Bool]], whole: tuple[Occluders, Occluders], skin: Float32
+    ) -> None:
+        """Light a part in the open: by the sky at its vertices, by lamps, whose shadows are sharp, at each fragment.
+
+        Args:
+            layers: of the one part, and which of their fragments are seen.
+            whole: as of :meth:`light_parts`.
+            skin: (6,) albedo and radiosity of the skin around.
+        """
+        first = layers[0][0]
+        own = np.concatenate([first.part.vertices, first.drawn.normals], 1).astype(np.float32)
         place, facing = np.split(own, 2, 1)
         hair = None if self.hair is None else self.hair.alone
-        there = self.from_sky(place + np.float32(CLEAR_M) * facing, facing, whole[1], hair)
-        there = there.between(lambda values: one.between(values)[visible])
-        point, normal = np.split(one.between(own)[visible], 2, 1)
-        normal = normalise(normal).astype(np.float32)
+        sky = self.from_sky(place + np.float32(CLEAR_M) * facing, facing, whole[1], hair)
+        points = np.concatenate([one.between(own)[visible] for one, visible in layers])
+        point, normal = points[:, :3], normalise(points[:, 3:]).astype(np.float32)
+        there = sky.between(lambda values: np.concatenate([one.between(values)[visible] for one, visible in layers]))
         there = self.with_lamps(there, point + np.float32(CLEAR_M) * normal, normal, whole[0], hair)
-        self._shine(one, visible, point, normal, there, skin)
+        for (one, visible), part in zip(layers, _parts([int(visible.sum()) for _, visible in layers]), strict=True):
+            self._shine(one, visible, point[part], normal[part], there.part(part), skin)
 
     def _light_recess(self, inside: Sequence[tuple[SeenPart, Bool]], around: Occluders, skin: Float32) -> None:
         places = []
@@ -181,12 +198,9 @@ class RecessLight:
         points = np.concatenate([point[nodes.index] for point, _, nodes in places])
         normals = np.concatenate([normal[nodes.index] for _, normal, nodes in places])
         whole = self.arriving(points, normals, around)
-        first = 0
-        for (one, visible), (point, normal, nodes) in zip(inside, places, strict=True):
-            part = slice(first, first + len(nodes.index))
-            first = part.stop
-            there = Arriving(whole.irradiance[part], whole.openness[part], whole.mirror[part], whole.lamps[part])
-            self._shine(one, visible, point, normal, there.between(nodes.read), skin)
+        parts = _parts([len(nodes.index) for _, _, nodes in places])
+        for (one, visible), (point, normal, nodes), part in zip(inside, places, parts, strict=True):
+            self._shine(one, visible, point, normal, whole.part(part).between(nodes.read), skin)
 
     def _shine(
         self, one: SeenPart, visible: Bool, point: Float32, normal: Float32, there: Arriving, skin: Float32
@@ -277,6 +291,12 @@ class RecessLight:
                 at = common | {"position": position, "shade": np.ascontiguousarray(there.lamps[:, i])}
                 total += self.graphs.at_points("highlight", at, **lamp_numbers(lamp))
         return np.asarray(total.T, np.float32), np.asarray(1 - part, np.float32)
+
+
+def _parts(counts: Sequence[int]) -> list[slice]:
+    """Rows of each of several groups that lie one after the other."""
+    ends = np.cumsum(counts)
+    return [slice(int(end) - count, int(end)) for end, count in zip(ends, counts, strict=True)]
 
 
 def _at(points: Float32, normals: Float32) -> Float32:
