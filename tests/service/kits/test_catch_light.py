@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.slow
 
-WATTS = 18.0
+WATTS = 14.0
 TOOL = Path(__file__).resolve().parents[2] / "tools" / "blender_eye.py"
 
 
