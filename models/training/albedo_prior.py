@@ -28,6 +28,7 @@ from models.training.facial_hair import Barber
 from models.training.store import Arrays, Wholes
 from service.colour import srgb_to_linear
 from service.errors import UsageError
+from service.geometry.chart import nearest_inside
 from service.reflectance.albedo.albedo_prior import BARE, FILE, AlbedoPrior
 
 Float = npt.NDArray[np.float32]
@@ -41,6 +42,8 @@ NOISES = (0.2, 0.4, 0.8, 1.6, 3.2)
 """What is tried; the components leave less, but they leave it to whole regions at once."""
 AS_GOOD = 1.02
 """Times the least error up to which another noise counts as as good."""
+SHORN = 0.05
+"""Share of the scalp from which on a texel has stubble."""
 FEWEST = 4
 """Fewest captures by which some can be left out."""
 FOLDS = 8
@@ -56,6 +59,33 @@ def log_albedo(coded: npt.NDArray[np.uint8]) -> Float:
     linear = srgb_to_linear(coded.astype(np.float32) / np.float32(255))
     small = [cv2.resize(plane, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA) for plane in linear]
     return np.log(np.maximum(np.stack(small), DARKEST)).astype(np.float32)
+
+
+def without_stubble(maps: Float, scalp: Float, inside: Float) -> Float:
+    """Maps (..., h, w) whose scalp goes on smoothly from the skin around, as captures are shorn and stubble is grey.
+
+    A head that wears hair has the shadow of its roots besides, and a bald one has skin.
+
+    Args:
+        maps: log albedo, or components of it, as this is linear.
+        scalp: (h, w) in [0, 1].
+        inside: (h, w) in [0, 1], islands of the chart.
+    """
+    from scipy.sparse import csr_matrix, eye
+    from scipy.sparse.linalg import splu
+
+    place = np.arange(scalp.size).reshape(scalp.shape)
+    pairs = (place[:, :-1], place[:, 1:]), (place[:-1], place[1:])
+    sides = np.concatenate([np.stack([one.ravel(), other.ravel()], 1) for one, other in pairs])
+    sides = sides[(inside.ravel()[sides] > 0.5).all(1)]
+    near = csr_matrix((np.ones(len(sides)), sides.T), (scalp.size,) * 2)
+    near = near + near.T
+    hidden = (scalp.ravel() > SHORN) & (np.asarray(near.sum(1)).ravel() > 0)
+    pull = csr_matrix((np.asarray(near.sum(1)).ravel(), (place.ravel(),) * 2)) - near
+    system = pull.multiply(hidden[:, None]) + eye(scalp.size).multiply((~hidden)[:, None]) + 1e-9 * eye(scalp.size)
+    flat = maps.reshape(-1, scalp.size).astype(np.float64)
+    filled = splu(system.tocsc()).solve((flat * ~hidden).T).T[:, nearest_inside(inside > 0.5).ravel()]
+    return np.asarray(filled.reshape(maps.shape), np.float32)
 
 
 def learnt(maps: Float, inside: Float, count: int, noise: float) -> AlbedoPrior:
@@ -157,6 +187,7 @@ def main(
     charts = Charts.drawn(wholes.items, cover)
     inside = small(wholes.items[0]["geometry"][-1].astype(np.float32))
     skin = small((cover.skin * (1 - cover.scalp) * (1 - cover.hidden)).numpy())
+    charts = replace(charts, maps=without_stubble(charts.maps, small(cover.scalp.numpy()), inside))
     own = [Subject.sample(int(one["seed"])).hair.beard_density > 0.0 for one in wholes.items]
     bare = (charts.beard.max((1, 2)) == 0) & ~np.array(own)[charts.of]
     if bare.sum() < FEWEST:

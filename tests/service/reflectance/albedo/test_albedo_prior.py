@@ -57,10 +57,12 @@ def test_the_prior_in_the_box_is_of_the_head_in_the_box() -> None:
     lips, cheek, ear = (
         chart.interpolate(vertex_mask(head, n))[..., 0] > 0.5 for n in ("lips", "cheek_left", "ear_right")
     )
+    scalp, forehead = (chart.interpolate(vertex_mask(head, n))[..., 0] > 0.9 for n in ("scalp", "forehead"))
     for level in (-3.0, -0.9):
         seen = np.full((3, 192, 288), level, np.float32) + np.array([0.25, 0.0, -0.2], np.float32)[:, None, None]
         made = prior.complete(seen, cheek.astype(np.float32))
         redness = made[0] - made[1]
         assert redness[lips].mean() > redness[cheek].mean()
         assert made[:, ear].mean() == pytest.approx(level, abs=0.5)
+        assert made[:, scalp].mean(1) == pytest.approx(made[:, forehead].mean(1), abs=0.12), "a crown without stubble"
     assert FILE.is_file()
