@@ -144,10 +144,9 @@ def network_rows() -> list[str]:
         for part in parts_of(family, build(family).eval()):
             with open_network(part.name, engine) as own, open_network(part.name, plain) as other:
                 what, (wide, high) = own.description, FULL_SIZE
-                size = what.whole or (DEFAULT_TILE + 2 * what.margin,) * 2
-                if part.name == "zeta_tail":
-                    wide, high = (side // what.scale for side in FULL_SIZE)
-                count = 1 if what.whole else len(tiles(wide, high, DEFAULT_TILE, what.stride))
+                wide, high, inner = wide // what.scale, high // what.scale, DEFAULT_TILE // what.scale
+                size = what.whole or (inner + 2 * what.margin,) * 2
+                count = 1 if what.whole else len(tiles(wide, high, inner, what.stride))
                 drawn = np.random.default_rng(0).uniform(-1, 1, (len(what.channels), size[1], size[0]))
                 maps = np.asarray(drawn, np.float32)
                 taken = [per_tile(one.run, maps, one.lanes) for one in (own, other)]
@@ -199,7 +198,8 @@ def main(
 ) -> None:
     """Print the tables."""
     if of_networks:
-        print(isolated(outside_networks), *network_rows(), sep="\n")
+        print(isolated(outside_networks), flush=True)
+        print(*network_rows(), sep="\n")
         return
     from benchmarks.corrections.__main__ import CACHE
     from benchmarks.corrections.photos import photos

@@ -61,7 +61,7 @@ from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.relief.folds import AGES
 from service.reflectance.subject import Subject, coarse_chart
-from service.reflectance.surface_maps import surface_maps
+from service.reflectance.surface_maps import flesh_mm, surface_maps
 from service.runtime.network_registry import networks_of
 from service.runtime.networks import Ahead, choose_engine, loading_ahead
 from service.runtime.sessions import few_heaps, release
@@ -163,6 +163,7 @@ def make_avatar(
             others = [(view.photo, other, view.reading) for view, other in gathered.others]
             known = pool.submit(Unwrappings.of, chart, [(photo, fit, reading), *others])
             subject = pool.submit(Subject.fitted, head, fit) if plan.stages else None
+            flesh = pool.submit(flesh_mm, head, fit.vertices) if "thickness" in options.maps else None
             wanted = options.asked_hair(), options.level.strands, options.seed
             hair = kept("hair", find_hair, photo, head, fit, reading, *wanted, networks.hair() if reads else None)
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
@@ -245,7 +246,8 @@ def make_avatar(
                 coloured=draw_early,
             )
             stage.timings |= reflectance.timings_s
-        surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
+        thick = None if flesh is None else flesh.result()
+        surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size, thick)
 
         avatar, drawn, shapes = ahead[0] if ahead else (so_far(reflectance), None, None)
         return replace(

@@ -89,11 +89,6 @@ class Row:
         """What counts beside processor seconds, smaller is better: decibels to a known truth, else losses."""
         return [-value for value in self.truth.values()] or list(self.losses.values())
 
-    @property
-    def networks_s(self) -> float:
-        """Seconds of the networks that make maps."""
-        return sum(self.timings_s.get(name, 0.0) for name in ("super_resolution", *COMPARED))
-
 
 @dataclass(frozen=True)
 class FittedLine:

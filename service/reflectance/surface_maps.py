@@ -24,7 +24,7 @@ from service.head.regions import part_vertices, vertex_mask
 from service.image_filters import blurred, shrunk
 from service.materials.part import SKIN, material_of
 from service.reflectance.reflectance_maps import SCALE_MM, Reflectance
-from service.reflectance.subject import GEOMETRY_SIZE
+from service.reflectance.subject import GEOMETRY_SIZE, coarse_chart
 
 FINE = (0.25, 0.03)
 COARSE = (0.8, 0.06)
@@ -193,6 +193,7 @@ def surface_maps(
     made: Reflectance | None,
     roles: Collection[str],
     size: tuple[int, int],
+    flesh: Float32 | None = None,
 ) -> SurfaceMaps | None:
     """The maps among ``roles``; None where none of them is.
 
@@ -202,16 +203,17 @@ def surface_maps(
         made: specular albedo says how oily the skin is, displacement where its cavities are.
         roles: maps that were requested.
         size: (width, height) of the other maps.
+        flesh: of ``flesh_mm``, where it is known already.
     """
     wanted = set(roles) & {one.name for one in fields(SurfaceMaps)}
     if not wanted:
         return None
     size = min((max(size[0] // 2, 1), max(size[1] // 2, 1)), LARGEST)
-    chart = Chart.build(head, *min(size, GEOMETRY_SIZE))
+    chart = Chart.build(head, *size) if size < GEOMETRY_SIZE else coarse_chart(head)
     specular = None if made is None else made.specular_albedo
     relief = None if made is None else made.displacement
     oil = oil_of(chart, None if specular is None else _resized(specular, (chart.width, chart.height)))
-    thick = chart.fill_outside(chart.interpolate(flesh_mm(head, vertices)))[..., 0]
+    thick = chart.fill_outside(chart.interpolate(flesh_mm(head, vertices) if flesh is None else flesh))[..., 0]
     open_sky = None if relief is None else cavity(relief, _texel_mm(head, vertices, size[0]), size)
     return SurfaceMaps(
         roughness=_codes(_resized(roughness(chart, oil), size), 255) if "roughness" in wanted else None,

@@ -208,11 +208,6 @@ def encode_heights(height: Float32) -> UInt16:
     return np.asarray(np.clip(np.rint(height * np.float32(1 / SCALE_MM)) + MID, 0, 65535), np.uint16)
 
 
-def decode_heights(codes: UInt16) -> Float32:
-    """(H, W) float32 mm, heights of codes; rounding errors are at most 25 nm."""
-    return (codes.astype(np.float32) - MID) * np.float32(SCALE_MM)
-
-
 def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Bool) -> tuple[Float32, Float32, Bool]:
     """(H, W) change of height in mm per texel to the right and per texel down, and (H, W) bool, where it is known."""
     height, width = mask.shape
