@@ -23,7 +23,7 @@ import typer
 from scipy.optimize import minimize
 from scipy.stats import spearmanr
 
-from benchmarks.albedo import PHOTOS, OnDisk, made
+from benchmarks.albedo import PHOTOS, made
 from benchmarks.corrections.__main__ import CACHE
 from benchmarks.corrections.photos import photos
 from benchmarks.corrections.score import Judge
@@ -44,7 +44,6 @@ from service.reflectance.super_resolution import resample
 from service.runtime.network_registry import CLUES, GEOMETRY
 from service.runtime.networks import choose_engine, open_network
 from service.runtime.sessions import MODELS
-from service.stage_cache import NoCache
 
 Float = npt.NDArray[np.float64]
 
@@ -157,7 +156,6 @@ def main(
     data: Annotated[Path | None, typer.Option(help="Folder of reference heads; else $AVATARME_BENCH_DATA.")] = None,
     cache: Annotated[Path, typer.Option(help="Folder that keeps what was rendered.")] = CACHE,
     wanted: Annotated[str, typer.Option("--photos", help="Names with commas between.")] = ",".join(PHOTOS),
-    keep: Annotated[bool, typer.Option(help="Keep fits and textures beside the photos.")] = False,
     fit: Annotated[Path | None, typer.Option(help="JSON file to write weights into, found on these photos.")] = None,
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the table into.")] = None,
 ) -> None:
@@ -165,8 +163,7 @@ def main(
     folder, found = data_folder(None if data is None else str(data)), {}
     cache.mkdir(parents=True, exist_ok=True)
     for photo in photos(folder, cache, wanted.split(",")):
-        stages = OnDisk(cache / "stages" / photo.name) if keep else NoCache()
-        avatar, albedo = made(photo, MODELS, stages)
+        avatar, albedo = made(photo, MODELS)
         found[photo.name] = errors_of(Judge.of(photo, avatar), albedo, clues_of(avatar))
         typer.echo(f"{photo.name}: median {np.median(found[photo.name].error):.2f}", err=True)
     if not found:

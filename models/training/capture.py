@@ -27,7 +27,7 @@ from service.geometry.chart import Chart
 from service.light.environment import illumination, names
 from service.light.plan import plan as choose
 from service.light.scene import Scene
-from service.reflectance.subject import GEOMETRY_SIZE, Subject
+from service.reflectance.subject import GEOMETRY_SIZE, drawn_geometry
 
 WHOLE = (288, 192)
 LIGHTS = 6
@@ -93,7 +93,7 @@ class Sitting:
         skin = stage.skin(seed, pose, device)
         vertices = stage.vertices(skin)
         geometry = Geometry.of(stage.head, vertices, directions=160, device=device)
-        channels = Subject(stage.head, vertices, studio.chart).geometry
+        channels = drawn_geometry(studio.chart, vertices)
         whites = Whites.of(stage.head, vertices)
         return cls(seed, pose, part, skin, geometry, skin.maps(SMALL), channels, whites)
 
