@@ -29,6 +29,9 @@ TIP_M = (-0.02, 0.005)
 """Depth (z, metres) from which the resting tongue rises, and from which on it does wholly."""
 UP_M = 0.010
 """How far its tip rises at rest."""
+LOWERED = 0.8
+"""Share of that which ``jawOpen`` takes back: in an open mouth the tongue lies behind the lower teeth, its top in sight.
+"""
 WIDER = 0.2
 """Further share of ``jawOpen`` in ``tongueOut``, beside ``TONGUE_JAW``, that skin and lower teeth take; the tongue does
 not go down with them."""
@@ -56,6 +59,7 @@ def over_the_teeth(bases: Bases, members: Mapping[str, Int], skin: Int, expressi
     up[:, 1] = UP_M * np.clip((mean[tongue, 2] - TIP_M[0]) / (TIP_M[1] - TIP_M[0]), 0.0, 1.0)
     mean[tongue] += up
     out[tongue] -= up
+    jaw[tongue] -= LOWERED * up
     for own in (skin, lower):
         out[own] += WIDER * jaw[own]
     return Bases(mean, bases.identity, expression)
