@@ -30,8 +30,7 @@ TIP_M = (-0.02, 0.005)
 UP_M = 0.010
 """How far its tip rises at rest."""
 LOWERED = 0.8
-"""Share of that which ``jawOpen`` takes back: in an open mouth the tongue lies behind the lower teeth, its top in sight.
-"""
+"""Share of that which ``jawOpen`` takes back: in an open mouth the tongue lies behind the lower teeth, its top seen."""
 WIDER = 0.2
 """Further share of ``jawOpen`` in ``tongueOut``, beside ``TONGUE_JAW``, that skin and lower teeth take; the tongue does
 not go down with them."""

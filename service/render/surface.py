@@ -14,17 +14,19 @@ from service.errors import BadArchive
 from service.geometry.chart import NO_PART, Chart
 from service.head.model import HeadModel
 from service.light.samples import LitChart
+from service.materials.part import SKIN
 
 Size = tuple[int, int]
 
-ROLES = ("diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "texture")
+ROLES = ("diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "roughness", "texture")
 """Maps that a render uses; the texture only where there is no albedo."""
 
 SPECULAR = 0.65
 """Specular albedo where there is no map: F0 = 0.026, between water and dry skin."""
 
 LOBES = (0.25, 0.48, 0.75)
-"""Skin: GGX alpha of both lobes and weight of the first, the middle of the light stage's ranges."""
+"""Skin: GGX alpha of both lobes and weight of the first, the middle of the light stage's ranges. The map of roughness,
+where there is one, says how much smoother lips and nose are."""
 
 LARGEST = 3072
 """Widest chart that is lit; a picture of 4096 pixels resolves no more of a head."""
@@ -99,8 +101,12 @@ def build_surface(head: HeadModel, vertices: AnyFloat, maps: Mapping[str, Stored
         specular = _reduced(maps["specular_albedo"].codes(), size, lambda codes: codes * np.float32(1 / 255))[..., 0]
     else:
         fallbacks.append("specular_albedo-constant")
+    wide: Float32 | float = 1.0
+    if "roughness" in maps:
+        codes = maps["roughness"].codes()
+        wide = (_reduced(codes, size, lambda codes: codes * np.float32(1 / 255))[..., 0] / SKIN.roughness) ** 2
     # The variance of normals widens the lobes (LEAN mapping).
-    lobes = [np.sqrt(alpha * alpha + 2.0 * spread) for alpha in LOBES[:2]]
+    lobes = [np.sqrt((alpha * wide) ** 2 + 2.0 * spread) for alpha in LOBES[:2]]
     metric = chart.metric(vertices)
     area = np.sqrt(np.maximum(metric[..., 0] * metric[..., 2] - metric[..., 1] ** 2, 1e-8))
     return Surface(
