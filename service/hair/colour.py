@@ -147,13 +147,13 @@ def _width(roughness: float) -> float:
     return 5.969 - 0.215 * b + 2.532 * b**2 - 10.73 * b**3 + 5.574 * b**4 + 0.245 * b**5
 
 
-def as_absorbed(colours: AnyFloat) -> HairColour:
-    """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains."""
+def as_absorbed(colours: AnyFloat, *, dyed: bool = True) -> HairColour:
+    """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains, if it may be."""
     colours = np.clip(colours, 1.15 * SURFACE, 0.98)
     absorbed = absorption_of(colours).astype(np.float64)
     melanin = _as_bright(_melanin(absorbed), luma(np.asarray(colours, np.float32)))
     dye = np.zeros(3)
-    if len(colours):
+    if dyed and len(colours):
         usual = np.median(absorbed.reshape(-1, 3), 0)
         amount = np.median(melanin.reshape(-1, 2), 0)
         left = np.log(reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN])) / reflected(usual))

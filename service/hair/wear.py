@@ -47,7 +47,11 @@ def hair_in_albedo(
     if groom is None or not hair.in_photo_light or not len(groom):
         return hair, parts
     seen = groom.colour.linear()
-    made = replace(as_absorbed(np.clip(seen * light, 1e-3, 0.9)), measured=groom.colour.measured)
+    # Hair that is brown in the photo is no green hair: a hue that no melanin has is the light's, which need not be as
+    # coloured on the hair as on the face.
+    red, green, blue = np.median(seen.reshape(-1, 3), 0)
+    unlit_colour = as_absorbed(np.clip(seen * light, 1e-3, 0.9), dyed=not red >= green >= blue)
+    made = replace(unlit_colour, measured=groom.colour.measured)
     before, after = (np.median(one.reshape(-1, 3), 0) for one in (seen, made.linear(KNOTS)))
     change = np.asarray(after / np.maximum(before, 1e-5), np.float32)
     # Materials and textures that parts share stay shared.
