@@ -288,9 +288,10 @@ def _candidates(left: Int64, vertex: Int64, count: int) -> tuple[_Edges, csr_mat
     graph = csr_matrix((np.ones(len(keys), np.int32), (start, end)), shape=(count, count))
     common = np.asarray((graph @ graph)[start, end]).ravel()
     # Wedges of the start that the edge has, and their partners: each of the vertex's needs exactly one.
-    number = np.unique(np.stack([index, wedges[:, 0], wedges[:, 1]], 1), axis=0)
-    partners = np.bincount(number[:, 0], minlength=len(keys))
-    own = np.bincount(np.unique(number[:, :2], axis=0)[:, 0], minlength=len(keys))
+    wedge_count = len(vertex)
+    edges_of_wedges = np.unique((index * wedge_count + wedges[:, 0]) * wedge_count + wedges[:, 1])
+    partners = np.bincount(edges_of_wedges // wedge_count**2, minlength=len(keys))
+    own = np.bincount(np.unique(edges_of_wedges // wedge_count) // wedge_count, minlength=len(keys))
     whole = np.bincount(vertex[np.unique(left)], minlength=count)
     rim = np.zeros(count, bool)
     rim[start[sides == 1]] = True
