@@ -7,8 +7,7 @@ as long as it is a function of a module: what it uses, it is given.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar, TypeVarTuple
+from typing import Protocol, TypeVar, TypeVarTuple
 
 T = TypeVar("T")
 Given = TypeVarTuple("Given")
@@ -37,15 +36,3 @@ class NoCache:
     def get_or_compute(self, name: str, make: Callable[[*Given], T], *given: *Given) -> T:
         """What ``make`` returns."""
         return make(*given)
-
-
-@dataclass(frozen=True)
-class Depending:
-    """Stages that all depend on some values more, which they see without being given them."""
-
-    stages: StageCache
-    also: tuple[Any, ...]
-
-    def get_or_compute(self, name: str, make: Callable[[*Given], T], *given: *Given) -> T:
-        """As of :class:`StageCache`."""
-        return self.stages.get_or_compute(name, lambda also, *rest: make(*rest), self.also, *given)

@@ -55,7 +55,7 @@ from service.runtime.network_registry import CLUES, DRAWN_DETAIL, GEOMETRY, PART
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.sessions import release
 from service.runtime.tiles import DEFAULT_TILE, SMALL_MAP
-from service.stage_cache import Depending, NoCache, StageCache
+from service.stage_cache import NoCache, StageCache
 from service.texture.photo_detail import OwnDetail
 
 T = TypeVar("T")
@@ -112,7 +112,7 @@ def make_reflectance(
     """
     plain = replace(subject, roots=None, wrinkles=1.0)  # networks make the same maps, whatever is corrected of these
     given = texture, plain, plan, size, seed, detail, tuple(without), own
-    run = _Run(plan, Depending(stages, given), progress, small=size[0] * size[1] <= SMALL_MAP and tile >= DEFAULT_TILE)
+    run = _Run(plan, stages, given, progress, small=size[0] * size[1] <= SMALL_MAP and tile >= DEFAULT_TILE)
     chart, depth = subject.chart, subject.wrinkles
 
     def colour(made: Reflectance) -> Codes | None:
@@ -277,17 +277,19 @@ def _fallbacks(
 
 
 class _Run:
-    """Runs stages: times them, keeps their results, tells how far all of it is.
+    """Runs stages: times them, keeps their results by what all see and each is given, tells how far all of it is.
 
     Attributes:
         timings: seconds by name.
         small: run them side by side, as memory is no matter.
     """
 
-    def __init__(self, plan: ReflectancePlan, stages: StageCache, progress: Progress, *, small: bool) -> None:
+    def __init__(
+        self, plan: ReflectancePlan, stages: StageCache, seen: tuple[Any, ...], progress: Progress, *, small: bool
+    ) -> None:
         self.timings: dict[str, float] = {}
         self._shares = plan.shares()
-        self._stages = stages
+        self._stages, self._seen = stages, seen
         self._progress = progress
         self.small = small
         self._done = self._told = 0.0
@@ -301,7 +303,7 @@ class _Run:
 
         told(0.0)
         begin = time.perf_counter()
-        result = self._stages.get_or_compute(name, lambda *given: make(told, *given), *given)
+        result = self._stages.get_or_compute(name, lambda seen, *given: make(told, *given), self._seen, *given)
         if not self.small:
             release()  # what the stage's strips and networks left
         self.timings[name] = time.perf_counter() - begin

@@ -23,7 +23,6 @@ from service.jobs import stage_files as packing
 from service.jobs.artifacts import Artifacts
 from service.jobs.stage_files import Damaged, KeptStages, kept_types
 from service.photo.photo import Photo
-from service.stage_cache import Depending
 
 JOB = "a" * 32
 
@@ -224,11 +223,9 @@ def test_a_stage_is_found_by_what_it_depends_on(tmp_path: Path) -> None:
     stages = KeptStages(Artifacts(f"file://{tmp_path / 'kept'}"), "0" * 32, "basis", {}, tmp_path)
     photo = Photo(np.zeros((2, 2, 3), np.uint8))
     assert stages.get_or_compute("hair", lambda photo, style: 1, photo, "bob") == 1
-    assert Depending(stages, ("shut",)).get_or_compute("hair", lambda photo, style: 2, photo, "bob") == 2
     assert stages.get_or_compute("hair", lambda photo, style: 3, Photo(photo.pixels.copy()), "bob") == 1
     assert stages.get_or_compute("hair", lambda photo, style: 4, replace(photo, focal_35mm=28.0), "bob") == 4
     assert stages.get_or_compute("hair", lambda photo, style: 5, photo, "plait") == 5
-    assert Depending(stages, ("shut",)).get_or_compute("hair", lambda photo, style: 6, photo, "bob") == 2
 
 
 @pytest.mark.parametrize(
