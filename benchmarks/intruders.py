@@ -165,7 +165,7 @@ def edges(albedo: Float32, chart: Float32, changed: Bool, rest: Bool) -> float:
     shown = np.zeros((height, width), np.uint8)
     shown[row, column] = 1
     close = np.ones((7, 7), np.uint8)
-    own, far, shown = (np.asarray(cv2.morphologyEx(m, cv2.MORPH_CLOSE, close)) for m in (own, far, shown))
+    own, far, shown = (np.asarray(cv2.morphologyEx(m, cv2.MORPH_CLOSE, close), np.uint8) for m in (own, far, shown))
     band = np.ones((2 * NEAR + 1,) * 2, np.uint8)
     border = np.asarray(cv2.dilate(own, band) - cv2.erode(own, band)) > 0
     inside = np.asarray(cv2.erode(shown, np.ones((5, 5), np.uint8))) > 0

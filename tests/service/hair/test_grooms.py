@@ -98,9 +98,9 @@ def test_melanin_is_found_again_from_its_colour() -> None:
         if colour.min() > 1.2 * SURFACE:  # black is told apart by its brightness alone
             np.testing.assert_allclose(found.melanin[0, 0], (eu, pheo), atol=0.03)
         assert not found.dye.any()
-    assert as_absorbed(np.broadcast_to(np.float32([0.05, 0.3, 0.1]), (4, KNOTS, 3))).dyed, "no melanin makes green hair"
-    for colour in (0.0, 1.0):
-        assert np.isfinite(as_absorbed(np.full((4, KNOTS, 3), colour, np.float32)).melanin).all()
+    assert as_absorbed(np.broadcast_to(np.array([0.05, 0.3, 0.1], np.float32), (4, KNOTS, 3))).dyed, "green"
+    for level in (0.0, 1.0):
+        assert np.isfinite(as_absorbed(np.full((4, KNOTS, 3), level, np.float32)).melanin).all()
 
 
 def test_the_picture_tells_where_hair_is_and_which_way_it_runs() -> None:

@@ -52,4 +52,4 @@ def test_a_network_that_was_kept_gives_the_same_values(cache: Path) -> None:
         maps = np.random.default_rng(0).uniform(-1, 1, (1, len(description.channels), side, side)).astype(np.float32)
         results.append(compute(maps))
         assert len(list(cache.glob("psi-*.blob"))) == 1
-    np.testing.assert_array_equal(*results)
+    np.testing.assert_array_equal(results[0], results[1])
