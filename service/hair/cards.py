@@ -261,9 +261,9 @@ def kmeans(rows: Float32, count: int, rounds: int, rng: np.random.Generator) -> 
 
 
 def _nearest(rows: Float32, centre: Float32) -> Int64:
-    size = np.square(centre).sum(1)
-    chunks = (rows[first : first + 2048] for first in range(0, len(rows), 2048))
-    return np.concatenate([(size - 2 * chunk @ centre.T).argmin(1) for chunk in chunks])
+    size, twice = np.square(centre).sum(1), 2 * centre.T
+    products = (rows[first : first + 2048] @ twice for first in range(0, len(rows), 2048))
+    return np.concatenate([np.subtract(size, product, out=product).argmin(1) for product in products])
 
 
 def _means(label: Int64, values: Float32, count: int) -> Float32:

@@ -105,19 +105,26 @@ class Field:
 
     def _at(self, rows: Float32, points: Float32) -> Float32:
         """(..., C) of rows (X * Y * Z, C)."""
-        flat, shape = points.reshape(-1, 3), np.array(self.values.shape)
-        step = np.array([shape[1] * shape[2], shape[2], 1])
-        corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) @ step
+        flat, shape = points.reshape(-1, 3), self.values.shape
+        step = (shape[1] * shape[2], shape[2], 1)
+        corners = np.array([np.dot(one, step) for one in np.ndindex(2, 2, 2)])[:, None]
+        alone = rows.shape[1] == 1
+        values = rows.ravel() if alone else rows
         made = np.zeros((len(flat), rows.shape[1]), np.float32)
         for first in range(0, len(flat), _AT_ONCE):
             place = (flat[first : first + _AT_ONCE] - _LOW) * np.float32(1 / CELL_M)
-            place = np.minimum(np.maximum(place, 0), (shape - 1).astype(np.float32))
-            low = np.minimum(place.astype(np.int64), shape - 2)
-            x, y, z = (place - low).astype(np.float32).T[..., None]
-            found = rows.take((low @ step) + corners[:, None], 0)
+            index, parts = np.zeros(len(place), np.int64), []
+            for along, side in enumerate(shape):
+                own = np.minimum(np.maximum(place[:, along], 0), np.float32(side - 1))
+                low = np.minimum(own.astype(np.int64), side - 2)
+                parts.append(own - low.astype(np.float32))
+                index += low * step[along]
+            x, y, z = parts if alone else (part[:, None] for part in parts)
+            found = values.take(index + corners, 0)
             found = found[:4] + x * (found[4:] - found[:4])
             found = found[:2] + y * (found[2:] - found[:2])
-            made[first : first + _AT_ONCE] = found[0] + z * (found[1] - found[0])
+            found = found[0] + z * (found[1] - found[0])
+            made[first : first + _AT_ONCE] = found[:, None] if alone else found
         return made.reshape(*points.shape[:-1], rows.shape[1])
 
 
