@@ -29,7 +29,7 @@ from service.colour import Codes
 from service.geometry.chart import NO_PART
 from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo.albedo_error import error_map
-from service.reflectance.albedo.beside_skin import darkened, pad_parts, pad_skin
+from service.reflectance.albedo.beside_skin import close_seam, darkened, pad_parts, pad_skin
 from service.reflectance.albedo.corrections import Ledger
 from service.reflectance.albedo.diffuse_albedo import diffuse_albedo
 from service.reflectance.albedo.highlights import HIGHLIGHTS, without_highlights
@@ -220,7 +220,8 @@ def _by_networks(
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
             if grey is not None:
                 grey = without_border(grey, planes)
-            return pad_parts(pad_skin(plain, subject), subject), grey, ledger.applied, told_of, unsure
+            plain = pad_parts(close_seam(pad_skin(plain, subject), subject), subject)
+            return plain, grey, ledger.applied, told_of, unsure
 
         albedo, grey, corrections, found, error = run("diffuse_albedo", unlit)
         made = replace(made, diffuse_albedo=albedo, corrections=corrections, detail=found, albedo_error=error)

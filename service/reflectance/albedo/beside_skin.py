@@ -1,4 +1,5 @@
-"""The diffuse albedo where it is not bare skin: the shadow of hair's roots, and padding outside the chart's islands.
+"""The diffuse albedo where it is not bare skin: the shadow of hair's roots, padding outside the chart's islands, and
+the chart's seam at the back of the head.
 
 delta's result there is arbitrary, as it was never trained on these texels, and the networks that read the albedo would
 take the step at an island's border for a crease. So skin is padded from inside, as in the texture. So is what is drawn
@@ -15,7 +16,7 @@ import numpy.typing as npt
 from service.anatomy.canvas import PartTexels
 from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
 from service.geometry.chart import NO_PART, nearest_inside
-from service.image_filters import by_strips, least, shrunk
+from service.image_filters import blurred, by_strips, least, shrunk
 from service.reflectance.planes import interpolated
 from service.reflectance.subject import Subject, margin
 
@@ -57,6 +58,56 @@ def pad_skin(albedo: Codes, subject: Subject) -> Codes:
                 albedo[strip, :, channel][chosen] = np.rint(colours).astype(albedo.dtype)
 
     by_strips(height, fill)
+    return albedo
+
+
+SEAM, ALONG = 30.0, 10.0
+"""Texels of a chart of 576 within which both sides of the seam come together, and over which that is smoothed."""
+
+
+def close_seam(albedo: Codes, subject: Subject) -> Codes:
+    """The albedo, changed in place: both sides of the chart's seam have one tone at the back of the head.
+
+    delta does not know that they touch: a line divided the nape where hair leaves it bare.
+
+    Args:
+        albedo: (H, W, 3) codes.
+        subject: whose chart it is; on one without a seam whose sides are mirror images the albedo stays as it is.
+    """
+    head, chart = subject.head, subject.chart
+    size = (chart.width, chart.height)
+    skin = head.triangle_part == head.part_names.index("skin")
+    pairs = np.unique(np.stack([head.triangles[skin].ravel(), head.triangle_uv[skin].ravel()], 1), axis=0)
+    first = np.flatnonzero(pairs[1:, 0] == pairs[:-1, 0])
+    here, there = head.uv[pairs[first, 1]], head.uv[pairs[first + 1, 1]]
+    mirrored = np.abs(here * [-1, 1] + [1, 0] - there).max(1, initial=0) < 1e-3
+    if not mirrored.any():
+        return albedo
+    seam = np.minimum(here[mirrored, 0], there[mirrored, 0])
+    at = np.stack([(1 - here[mirrored, 1]) * size[1], seam * size[0]]).astype(int)
+    row, column = np.minimum(at, [[size[1] - 1], [size[0] - 1]])
+    small = shrunk(albedo, size).astype(np.float32)
+    weight, step = np.zeros(size[::-1], np.float32), np.zeros((*size[::-1], 3), np.float32)
+    weight[row, column] = 1
+    step[row, column] = 0.5 * (small[row, size[0] - 1 - column] - small[row, column])
+    away = cv2.distanceTransform((weight == 0).astype(np.uint8), cv2.DIST_L2, 5) * (576 / size[0])
+    soft = blurred(np.dstack([step, weight]), 2 * ALONG * size[0] / 576)
+    field = soft[..., :3] / np.maximum(soft[..., 3:], 1e-6) * np.exp(-np.square(away / SEAM))[..., None]
+    field = np.asarray(np.moveaxis(field - field[:, ::-1], 2, 0), np.float32)
+    own, skin_part = subject.islands(albedo.shape[1::-1]), head.part_names.index("skin")
+    width, most = albedo.shape[1], int(FULL_CODE)
+    reach = round(3 * SEAM * width / 576)
+    for columns in (np.arange(reach), np.arange(width - reach, width)):
+        beside = slice(columns[0], columns[-1] + 1)
+
+        def add(strip: slice, columns: npt.NDArray[np.int64] = columns, beside: slice = beside) -> None:
+            chosen = np.isin(own[strip, beside], (NO_PART, skin_part))
+            for channel in range(3):
+                change = interpolated(field[channel], albedo.shape[1::-1], np.r_[strip], columns) * chosen
+                moved = np.rint(np.clip(albedo[strip, beside, channel] + change, 0, most))
+                albedo[strip, beside, channel] = moved.astype(albedo.dtype)
+
+        by_strips(albedo.shape[0], add)
     return albedo
 
 

@@ -10,7 +10,7 @@ from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
 from service.face.features.eye_colours import SCLERA
 from service.geometry.chart import NO_PART
 from service.head.files import load_head
-from service.reflectance.albedo.beside_skin import darkened, pad_parts, pad_skin
+from service.reflectance.albedo.beside_skin import close_seam, darkened, pad_parts, pad_skin
 from service.reflectance.albedo.diffuse_albedo import without
 from service.reflectance.subject import Subject
 
@@ -41,6 +41,22 @@ def test_skin_goes_on_beyond_its_island_from_farther_inside() -> None:
     outside = after[part == NO_PART]
     assert (outside == 30000).all(1).mean() > 0.8  # the others lie beside eyes and teeth
     assert set(np.unique(outside)) <= {30000, 50000}
+
+
+def test_both_sides_of_the_seam_have_one_tone_and_the_face_keeps_its_own() -> None:
+    """Half of the head 2,000 codes darker: at the seam behind both meet, in front of the ears nothing changes."""
+    subject = Subject.of(HEAD, HEAD.mean)
+    albedo = np.full((SIZE[1], SIZE[0], 3), 30000, np.uint16)
+    albedo[:, SIZE[0] // 2 :] = 28000
+    after = close_seam(albedo.copy(), subject).astype(int)
+    rows = slice(round(0.3 * SIZE[1]), round(0.55 * SIZE[1]))
+    left, right = after[rows, 14], after[rows, -15]
+    assert np.abs(left - right).max() < 300, "2000 before"
+    middle = slice(round(0.3 * SIZE[0]), round(0.7 * SIZE[0]))
+    assert np.abs(after[rows, middle] - albedo[rows, middle].astype(int)).max() <= 1
+    part = subject.islands(SIZE)
+    others = (part != NO_PART) & (part != HEAD.part_names.index("skin"))
+    assert np.array_equal(after[others], albedo[others])
 
 
 def test_teeth_and_eyes_go_on_beyond_their_islands_and_no_other_island_changes() -> None:
