@@ -268,7 +268,7 @@ class RecessLight:
 
         Where it mirrors no sky it mirrors flesh, whose radiosity is ``flesh`` (F, 3).
 
-        F0 above 0.04, which only teeth have, counts as 0.04: the formulas know no more.
+        F0 above 0.04, which teeth and tears have, scales what the formulas give for 0.04: they know no more.
         """
         count = len(points)
         common = {
@@ -290,7 +290,8 @@ class RecessLight:
                 position = np.ascontiguousarray(points.T * np.float32(1000))
                 at = common | {"position": position, "shade": np.ascontiguousarray(there.lamps[:, i])}
                 total += self.graphs.at_points("highlight", at, **lamp_numbers(lamp))
-        return np.asarray(total.T, np.float32), np.asarray(1 - part, np.float32)
+        more = max(material.f0 / F0_SCALE, 1.0)
+        return np.asarray(more * total.T, np.float32), np.asarray(1 - np.minimum(more * part, 1), np.float32)
 
 
 def _parts(counts: Sequence[int]) -> list[slice]:
