@@ -208,8 +208,7 @@ class RecessLight:
         """Set the radiance of the visible fragments, F of them, at points (F, 3) with unit normals; ``skin`` (6,) is
         albedo and radiosity of that around.
         """
-        lit, sent = with_flesh(there.irradiance.T, there.openness, skin[:3, None], skin[3:, None])
-        arriving, flesh = lit.T, sent.T
+        arriving, flesh = (one.T for one in with_flesh(there.irradiance.T, there.openness, *skin.reshape(2, 3, 1)))
         mirrored, kept = self._glossy(point, normal, there, one.part.material, flesh)
         one.radiance[visible] = one.colour[visible] * arriving / np.float32(np.pi) * kept[:, None] + mirrored
 
@@ -290,8 +289,8 @@ class RecessLight:
                 position = np.ascontiguousarray(points.T * np.float32(1000))
                 at = common | {"position": position, "shade": np.ascontiguousarray(there.lamps[:, i])}
                 total += self.graphs.at_points("highlight", at, **lamp_numbers(lamp))
-        more = max(material.f0 / F0_SCALE, 1.0)
-        return np.asarray(more * total.T, np.float32), np.asarray(1 - np.minimum(more * part, 1), np.float32)
+        total, part = (max(material.f0 / F0_SCALE, 1.0) * one for one in (total, part))
+        return np.asarray(total.T, np.float32), np.asarray(1 - np.minimum(part, 1), np.float32)
 
 
 def _parts(counts: Sequence[int]) -> list[slice]:

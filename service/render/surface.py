@@ -101,10 +101,10 @@ def build_surface(head: HeadModel, vertices: AnyFloat, maps: Mapping[str, Stored
         specular = _reduced(maps["specular_albedo"].codes(), size, lambda codes: codes * np.float32(1 / 255))[..., 0]
     else:
         fallbacks.append("specular_albedo-constant")
-    wide: Float32 | float = 1.0
+    wide = np.ones_like(spread)
     if "roughness" in maps:
-        codes = maps["roughness"].codes()
-        wide = (_reduced(codes, size, lambda codes: codes * np.float32(1 / 255))[..., 0] / SKIN.roughness) ** 2
+        read = _reduced(maps["roughness"].codes(), size, lambda codes: codes * np.float32(1 / 255 / SKIN.roughness))
+        wide = read[..., 0] ** 2
     # The variance of normals widens the lobes (LEAN mapping).
     lobes = [np.sqrt((alpha * wide) ** 2 + 2.0 * spread) for alpha in LOBES[:2]]
     metric = chart.metric(vertices)
