@@ -113,8 +113,8 @@ def run(folder: Path, count: int, kills: int, pause: float, real: list[Path] | N
         "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}", "AWS_ACCESS_KEY_ID": "x", "AWS_SECRET_ACCESS_KEY": "x",
         "AWS_DEFAULT_REGION": "us-east-1",
     }  # fmt: skip
-    log = (folder / "s3.log").open("wb")
-    store = subprocess.Popen([sys.executable, "-m", "moto.server", "-p", str(port)], stdout=log, stderr=log)
+    with (folder / "s3.log").open("wb") as log:
+        store = subprocess.Popen([sys.executable, "-m", "moto.server", "-p", str(port)], stdout=log, stderr=log)
     postgres = Postgres(folder)
     postgres.start()
     settings: dict[str, object] = {"database": postgres.url, "batches": 1, "reserve_mb": 1, "niceness": 0}
@@ -129,8 +129,8 @@ def run(folder: Path, count: int, kills: int, pause: float, real: list[Path] | N
             bucket.pipe_file(f"bucket/photos/{name}", content)
         command = [sys.executable, "-m", "service", "batch", "s3://bucket/photos", "s3://bucket/out", "--json"]
         begin = time.monotonic()
-        output = (folder / "driver").open("wb")
-        driver = subprocess.Popen([*command, "--database", postgres.url, *(DRAFT if real else [])], stdout=output)
+        with (folder / "driver").open("wb") as output:
+            driver = subprocess.Popen([*command, "--database", postgres.url, *(DRAFT if real else [])], stdout=output)
         workers = Workers(folder, settings, WORKERS)
         time.sleep(5.0)
         done = _disturb(workers, postgres, kills, pause, driver)
