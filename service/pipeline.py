@@ -65,7 +65,7 @@ from service.reflectance.surface_maps import flesh_mm, surface_maps
 from service.runtime.network_registry import networks_of
 from service.runtime.networks import Ahead, choose_engine, loading_ahead
 from service.runtime.sessions import few_heaps, release
-from service.runtime.tiles import DEFAULT_TILE
+from service.runtime.tiles import DEFAULT_TILE, SMALL_MAP
 from service.stage_cache import Loaded, NoCache, StageCache
 from service.texture.inpainting import grain
 from service.texture.photo_detail import OwnDetail, own_texture_of
@@ -163,7 +163,8 @@ def make_avatar(
             others = [(view.photo, other, view.reading) for view, other in gathered.others]
             known = pool.submit(Unwrappings.of, chart, [(photo, fit, reading), *others])
             subject = pool.submit(Subject.fitted, head, fit) if plan.stages else None
-            flesh = pool.submit(flesh_mm, head, fit.vertices) if "thickness" in options.maps else None
+            small = options.map_size[0] * options.map_size[1] <= SMALL_MAP
+            flesh = pool.submit(flesh_mm, head, fit.vertices) if "thickness" in options.maps and small else None
             wanted = options.asked_hair(), options.level.strands, options.seed
             hair = kept("hair", find_hair, photo, head, fit, reading, *wanted, networks.hair() if reads else None)
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None

@@ -48,6 +48,7 @@ from service.runtime.sessions import (
     lacked_memory,
     native_session,
     openvino_library,
+    release,
     require_finite,
 )
 
@@ -183,7 +184,7 @@ class Engine:
         return {name: f"{one.runtime} {one.precision}" for name in names for one in [self.of(name)]}
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Network:
     """One loaded network.
 
@@ -191,12 +192,14 @@ class Network:
         name: its entry in models.json.
         description: what it takes and gives.
         engine: what it runs on.
+        large: whether a map was computed whose memory is to be given back at the end.
     """
 
     name: str
     description: Description
     engine: Engine
     _compiled: _Compiled
+    large: bool = False
 
     @property
     def lanes(self) -> int:
@@ -288,10 +291,13 @@ def open_network(name: str, engine: Engine) -> Iterator[Network]:
     description, compiled = (engine.ahead.take(name) if engine.ahead else None) or load_network(name, engine)
     held = [compiled]
     del compiled
+    network = Network(name, description, engine.of(name), lambda maps: held[0](maps))
     try:
-        yield Network(name, description, engine.of(name), lambda maps: held[0](maps))
+        yield network
     finally:
         held.clear()  # whoever keeps the Network, in a traceback for example, does not keep the weights
+        if network.large:
+            release()
 
 
 def load_network(name: str, engine: Engine) -> Loaded:

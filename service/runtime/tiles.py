@@ -19,7 +19,7 @@ from service.arrays import Bool, Float32
 from service.errors import ModelFault
 from service.image_filters import marked_columns
 from service.runtime.networks import Description, Network
-from service.runtime.sessions import prompt_release, release
+from service.runtime.sessions import prompt_release
 
 Indices = npt.NDArray[np.int64]
 
@@ -116,8 +116,7 @@ def run_tiles(
     with ThreadPoolExecutor(network.lanes) as pool:
         for index, _ in enumerate(pool.map(work, todo)):
             progress((index + 1) / len(todo))
-    if size[0] * size[1] > SMALL_MAP:
-        release()
+    network.large |= size[0] * size[1] > SMALL_MAP
 
 
 def _inside(result: Float32, one: Tile, what: Description) -> Float32:
