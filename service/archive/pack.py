@@ -27,6 +27,7 @@ from service.levels import LEVELS
 from service.manifest import to_json
 from service.map_registry import MAPS
 from service.materials.part import MeshPart, material_of
+from service.runtime.sessions import release
 
 
 def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = False) -> None:
@@ -42,10 +43,13 @@ def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = Fa
         NumericFault: a result holds NaN or infinity.
     """
     members = archive_members(avatar, timings=timings)
-    if isinstance(target, Path):
-        write_file(target, members)
-    else:
-        write_stream(target, members)
+    try:
+        if isinstance(target, Path):
+            write_file(target, members)
+        else:
+            write_stream(target, members)
+    finally:
+        release()  # else fragmented memory accumulates in a process that makes many avatars
 
 
 def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes]:
