@@ -64,7 +64,7 @@ from service.reflectance.subject import Subject, coarse_chart
 from service.reflectance.surface_maps import flesh_mm, surface_maps
 from service.runtime.network_registry import networks_of
 from service.runtime.networks import Ahead, choose_engine, loading_ahead
-from service.runtime.sessions import few_heaps, release
+from service.runtime.sessions import few_heaps
 from service.runtime.tiles import DEFAULT_TILE, SMALL_MAP
 from service.stage_cache import Loaded, NoCache, StageCache
 from service.texture.inpainting import grain
@@ -128,7 +128,6 @@ def make_avatar(
     """
     files = [data] if isinstance(data, bytes) else list(data)
     check_count(len(files))
-    release()  # else fragmented memory accumulates in a process that makes many avatars
     options, warnings = within_budget(options, stages)
     plan, kept = options.plan(), stages.get_or_compute
     if plan.stages and tile < DEFAULT_TILE:

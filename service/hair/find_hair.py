@@ -22,7 +22,7 @@ from service.hair.choose import choose
 from service.hair.colour import HairColour, asked_colour
 from service.hair.groom import Groom, make_groom
 from service.hair.paint import painted
-from service.hair.reading import HairNetwork, HairReading, read_hair
+from service.hair.reading import HairNetwork, read_hair
 from service.hair.scalp import Scalp
 from service.hair.shape import fitted, seen_share, thickness_m
 from service.hair.sight import Sight, overlap
@@ -91,7 +91,7 @@ def find_hair(
                          seed)  # fmt: skip
     matches = match(read_bank(), sight, fit, head, read)
     kinds = matches.kinds(read_bank())
-    grown, known = _on_scalp(sight, skin, read)
+    grown, known = _on_scalp(sight, skin)
     doubts: tuple[str, ...] = ("hair-unseen",) if known < LEAST_SCALP else ()
     thick = thickness_m(sight)
     if not doubts and (grown < BALD or (thick is not None and thick < CROPPED_M)):
@@ -142,15 +142,11 @@ def _longer(style: Style, asked: AskedHair) -> Style:
     return free.scaled(factor, *LENGTHS)
 
 
-def _on_scalp(sight: Sight, skin: Scalp, read: HairReading) -> tuple[float, float]:
+def _on_scalp(sight: Sight, skin: Scalp) -> tuple[float, float]:
     """Shares of the scalp before the camera: where hair is of what is known, and what the photo shows."""
     cell, seen = sight.visible(*sight.project(skin.even.position))
-    facing = (skin.even.normal * (sight.camera.centre - skin.even.position)).sum(1) > 0
-    own = seen & facing
-    known = float((sight.known[cell] * own).sum())
-    hair = float((sight.hair[cell] * own).sum())
-    # Background beside hair that is flatter than the fitted skull tells nothing of hair there, but it is in the photo.
-    shown = float((np.maximum(sight.known, read.background * read.known)[cell] * own).sum())
+    facing = sight.faces(skin.even) > 0
+    hair, known, shown = (float((one[cell] * (seen & facing)).sum()) for one in (sight.hair, sight.known, sight.shown))
     return hair / max(known, 1e-6), shown / max(float(facing.sum()), 1.0)
 
 

@@ -177,7 +177,7 @@ def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generato
         return groom
     more = skin.roots(len(groom), rng, least=FRINGED)
     cell, seen = sight.visible(*sight.project(more.position))
-    facing = (more.normal * (sight.camera.centre - more.position)).sum(1) > 0.02
+    facing = sight.faces(more) > 0.02
     shown = (sight.hair[cell] > SURE) & (sight.known[cell] > SURE) & seen & facing
     near = cKDTree(groom.strands[:, 0])
     apart = near.query(more.position)[0]
@@ -370,7 +370,7 @@ def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
     """
     roots = skin.even
     cell, seen = sight.visible(*sight.project(roots.position))
-    facing = (roots.normal * (sight.camera.centre - roots.position)).sum(1) > 0
+    facing = sight.faces(roots) > 0
     weight = recedes(roots) * sight.known[cell] * (seen & facing)
     shown = float((weight * sight.hair[cell]).sum() / max(float(weight.sum()), 1e-6))
     crown = style.crown if sight.visible(*sight.project(CROWN))[1] else 0.0

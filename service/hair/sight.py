@@ -12,6 +12,7 @@ from service.face.region import Region
 from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.raster import rasterise
 from service.hair.reading import CELLS, HairReading
+from service.hair.scalp import Roots
 from service.head.model import HeadModel
 from service.image_filters import blurred, ramp
 
@@ -49,7 +50,9 @@ class Sight:
         camera: of the photo.
         region: the square.
         hair: float32 in [0, 1], the photo's hair.
-        known: float32 in [0, 1], 0 where the photo does not tell.
+        shown: float32 in [0, 1], 0 beside the photo and where something hides whether there is hair.
+        known: float32 in [0, 1], 0 where the photo does not tell: where nothing is shown, and where background is shown
+            in place of the fitted head.
         direction: (C, C, 2) float32 unit, from root to tip, the square's own axes.
         certainty: float32 in [0, 1], of it.
         behind: float32 metres, depth of the head without hair; inf beside it.
@@ -58,6 +61,7 @@ class Sight:
     camera: Camera
     region: Region
     hair: Float32
+    shown: Float32
     known: Float32
     direction: Float32
     certainty: Float32
@@ -73,9 +77,10 @@ class Sight:
         inside = ((at >= margin) & (at < size - margin)).all(1).reshape(CELLS, CELLS)
         # Background where the fitted head is: one of both is wrong, and nothing is told of its hair.
         behind = np.isfinite(bare.behind) * reading.background
-        known = np.asarray(reading.known * inside * (1 - behind), np.float32)
+        shown = np.asarray(reading.known * inside, np.float32)
+        known = np.asarray(shown * (1 - behind), np.float32)
         return replace(
-            bare, hair=ramp(reading.mask, SHOWS) * known, known=known, direction=reading.direction,
+            bare, hair=ramp(reading.mask, SHOWS) * known, shown=shown, known=known, direction=reading.direction,
             certainty=reading.certainty,
         )  # fmt: skip
 
@@ -86,7 +91,8 @@ class Sight:
         drawn = rasterise(points, depth, head.triangles, CELLS, CELLS, cull=True, perspective=True)
         none, behind = np.zeros((CELLS, CELLS), np.float32), np.where(drawn.mask, drawn.depth, np.inf)
         way = np.zeros((CELLS, CELLS, 2), np.float32)
-        return cls(camera, region, none, np.ones_like(none), way, none, np.asarray(behind, np.float32))
+        whole = np.ones_like(none)
+        return cls(camera, region, none, whole, whole, way, none, np.asarray(behind, np.float32))
 
     @property
     def bare(self) -> Float32:
@@ -106,6 +112,10 @@ class Sight:
         across, down, depth = (row[0] * x + row[1] * y + row[2] * z + row[3] for row in rows)
         near = np.maximum(depth, np.float32(NEAREST_M))
         return np.stack([across / near, down / near], -1), np.asarray(depth, np.float32)
+
+    def faces(self, roots: Roots) -> Float32:
+        """(N,) metres from the tangent planes of roots to the camera: above 0 where the skin faces it."""
+        return np.asarray((roots.normal * (self.camera.centre - roots.position)).sum(1), np.float32)
 
     def visible(self, at: Float32, depth: Float32) -> tuple[tuple[Int64, Int64], Bool]:
         """Row and column of projected points, confined to the square, and whether they lie in it before the head."""

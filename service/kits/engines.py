@@ -149,7 +149,7 @@ _CAVITY, _ROUGHNESS, _SPECULAR = Swizzle("cavity"), Swizzle("roughness", 140), S
 PACKING: dict[str, tuple[Packed, ...]] = {
     "unreal": (
         _COLOUR,
-        _normal("Normal, compression Normalmap; green points down, so Flip Green Swizzle stays off", up=False),
+        _normal("Normal, compression Normalmap; green points down, so Flip Green Channel stays off", up=False),
         _of("orm", "Masks: R ambient occlusion, G roughness, B metallic", _CAVITY, _ROUGHNESS, Swizzle("", 0)),
         _of("specular", "Specular: 0.5 is F0 = 0.04", *[Swizzle("specular_albedo", change=_half)] * 3),
         _THICKNESS,

@@ -74,9 +74,9 @@ def close_seam(albedo: Codes, subject: Subject) -> Codes:
         albedo: (H, W, 3) codes.
         subject: whose chart it is; on one without a seam whose sides are mirror images the albedo stays as it is.
     """
-    head, chart = subject.head, subject.chart
+    head, chart, part = subject.head, subject.chart, subject.head.part_names.index("skin")
     size = (chart.width, chart.height)
-    skin = head.triangle_part == head.part_names.index("skin")
+    skin = head.triangle_part == part
     pairs = np.unique(np.stack([head.triangles[skin].ravel(), head.triangle_uv[skin].ravel()], 1), axis=0)
     first = np.flatnonzero(pairs[1:, 0] == pairs[:-1, 0])
     here, there = head.uv[pairs[first, 1]], head.uv[pairs[first + 1, 1]]
@@ -94,14 +94,14 @@ def close_seam(albedo: Codes, subject: Subject) -> Codes:
     soft = blurred(np.dstack([step, weight]), 2 * ALONG * size[0] / 576)
     field = soft[..., :3] / np.maximum(soft[..., 3:], 1e-6) * np.exp(-np.square(away / SEAM))[..., None]
     field = np.asarray(np.moveaxis(field - field[:, ::-1], 2, 0), np.float32)
-    own, skin_part = subject.islands(albedo.shape[1::-1]), head.part_names.index("skin")
+    own = subject.islands(albedo.shape[1::-1])
     width, most = albedo.shape[1], int(FULL_CODE)
     reach = round(3 * SEAM * width / 576)
     for columns in (np.arange(reach), np.arange(width - reach, width)):
         beside = slice(columns[0], columns[-1] + 1)
 
         def add(strip: slice, columns: npt.NDArray[np.int64] = columns, beside: slice = beside) -> None:
-            chosen = np.isin(own[strip, beside], (NO_PART, skin_part))
+            chosen = np.isin(own[strip, beside], (NO_PART, part))
             for channel in range(3):
                 change = interpolated(field[channel], albedo.shape[1::-1], np.r_[strip], columns) * chosen
                 moved = np.rint(np.clip(albedo[strip, beside, channel] + change, 0, most))

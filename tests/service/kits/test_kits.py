@@ -119,6 +119,8 @@ def test_an_engines_kit(archive: Path, tool: str, up: bool, tmp_path: Path) -> N
         assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), (number, issues["messages"])
         names = [mesh["name"] for mesh in Glb.read(data).json["meshes"]]
         assert "skin" in names and "toy_hair" in names and "lashes" not in names
+    if tool == "unreal":  # the option as Unreal and docs/unreal.md name it
+        assert any("Flip Green Channel stays off" in one["use"] for one in facts["textures"])
     if tool == "unity":
         mask = pixels(kit.folder / "textures/head_mask.png")
         roughness = pixels_of(archive, "maps/roughness.png")
