@@ -85,7 +85,7 @@ def worker(name: str, database: str, folder: Path, seconds: float, hands: int) -
     """A process of so many workers; ends by a signal."""
     settings = Settings(data=folder / name, database=database, worker=name)
     rounds = Rounds(connect(settings.database_url, pool=min(hands, 8)))
-    shards = Shards(rounds, Sleeper(seconds), folder / name, threading.Event(), lambda error: None, recorded=True)
+    shards = Shards(rounds, Sleeper(seconds), folder / name, threading.Event(), lambda error: None)
     launch(settings, shards.workflows(hands, settings.look_seconds / LOOKS))
     signal.pause()
 

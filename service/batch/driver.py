@@ -1,11 +1,13 @@
 """A batch from its start to its report: what is to be made, who makes it, how far it is.
 
-``place --plan--> shards --queue of DBOS--> workers, here or on other machines --> reports of shards --merge--> report``
+``place --plan--> shards --> threads here, or a queue and workers elsewhere --> reports of shards --merge--> report``
 """
 
 from __future__ import annotations
 
 import contextlib
+import logging
+import queue
 import secrets
 import shutil
 import tempfile
@@ -17,20 +19,19 @@ from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
-from dbos import DBOS
 
 from service.batch.display import Display
 from service.batch.groups import Grouped, photos_at
 from service.batch.makers import Hopeless, LocalMaker, Maker, RemoteMaker
 from service.batch.plan import ARCHIVE, SETTLED_S, STATE, SUFFIXES, Line, Plan
 from service.batch.shards import Rounds, Shards, lasting
-from service.errors import AvatarError, UsageError
-from service.jobs.database import connect, create_tables
+from service.errors import AvatarError, Crashed, UsageError
+from service.jobs.database import SHARDS, connect, create_tables
 from service.jobs.locks import FileLock
-from service.jobs.queue import Queue
 from service.jobs.settings import Settings
-from service.jobs.workflow import launch
 from service.places import Place, place, writable
+
+log = logging.getLogger(__name__)
 
 POLL_S = 1.0
 """Seconds between two looks at how far a round is."""
@@ -151,7 +152,7 @@ def _settled(wanted: Wanted) -> float | None:
 
 
 class BatchEngine:
-    """Has rounds of shards computed: here, on a queue in a database of its own, or by workers elsewhere.
+    """Has rounds of shards computed: by threads of this process, here or at a server, or by workers elsewhere.
 
     Args:
         wanted: what is asked for.
@@ -176,23 +177,38 @@ class BatchEngine:
         elif not wanted.database:
             self._maker = LocalMaker(settings)
         self._database = connect(settings.database_url)
-        try:
-            lasting(lambda: create_tables(self._database, settings))
-        except Hopeless as end:
-            raise end.error from end
-        self._queue = Queue(self._database)
-        self._rounds = Rounds(self._database)
-        self._shards = None
-        if self._maker is not None:
-            photos = work / "photos"
-            self._shards = Shards(self._rounds, self._maker, photos, self._stopping, self._give_up, recorded=True)
-            launch(settings, self._shards.workflows(wanted.jobs, look_s=POLL_S / 10))
+        self._rounds, self._queue = Rounds(self._database), None
+        self._waiting: queue.SimpleQueue[tuple[str, str, int]] = queue.SimpleQueue()
+        if self._maker is None:
+            from service.jobs.queue import Queue
+
+            try:
+                lasting(lambda: create_tables(self._database, settings))
+            except Hopeless as end:
+                raise end.error from end
+            self._queue = Queue(self._database)
+            return
+        SHARDS.create(self._database)
+        self._shards = Shards(self._rounds, self._maker, work / "photos", self._stopping, self._give_up)
+        for _ in range(wanted.jobs):
+            threading.Thread(target=self._work, args=(self._shards,), daemon=True).start()
+
+    def _work(self, shards: Shards) -> None:
+        """Make shards that wait, one after the other."""
+        while not self._stopping.is_set():
+            try:
+                shards.run(*self._waiting.get())
+            except Exception as error:  # a mistake of ours must end the batch, not leave it waiting
+                log.error("a shard failed", exc_info=error)
+                self._give_up(Crashed(f"a shard failed: {type(error).__name__}: {error}"))
 
     def make(self, name: str, out: Place, counts: list[int], display: Display) -> None:
         """Have a round computed, and wait for its end."""
         begin, photos = time.monotonic(), sum(counts)
         try:
             lasting(lambda: self._rounds.put(self._queue, name, out.address, counts))
+            for number in range(len(counts)):
+                self._waiting.put((out.address, name, number))
             while True:
                 done, failed, unfinished = lasting(lambda: self._rounds.tally(name))
                 display(done, failed, photos, time.monotonic() - begin)
@@ -212,14 +228,13 @@ class BatchEngine:
     def close(self) -> None:
         """End what computes here, and let go of the database."""
         self._stopping.set()
-        if self._shards is not None:
+        if self._maker is not None:
             deadline = time.monotonic() + LAST_WORDS_S
             while self._shards.running and time.monotonic() < deadline:
                 time.sleep(POLL_S / 10)
-            DBOS.destroy(destroy_registry=True)
-        if self._maker is not None:
             self._maker.close()
-        self._queue.client.destroy()
+        if self._queue is not None:
+            self._queue.client.destroy()
         self._database.dispose()
 
     def _give_up(self, error: AvatarError) -> None:

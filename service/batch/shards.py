@@ -1,8 +1,9 @@
 """A shard: up to a hundred photos, one after the other, each in a process of its own, and their report.
 
-As a workflow of DBOS on a queue of its own it goes to whoever has a hand free, and to another worker where that one
-dies. What is finished shows in the archives and in the shard's report, which is written anew after each photo: so the
-next worker goes on at the same photo, and one that was frozen meanwhile and comes back does no harm.
+Where workers on other machines make them, each is a workflow of DBOS on a queue of its own: it goes to whoever has a
+hand free, and to another worker where that one dies. What is finished shows in the archives and in the shard's report, which is
+written anew after each photo: so the next worker goes on at the same photo, and one that was frozen meanwhile and comes
+back does no harm.
 """
 
 from __future__ import annotations
@@ -19,10 +20,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import sqlalchemy as sa
-from dbos import DBOS
 
 from service.batch.groups import photos_at
 from service.batch.makers import Hopeless, Maker, Order, Stopped
@@ -31,9 +31,11 @@ from service.client.errors import error_code
 from service.errors import AvatarError, Crashed, OutputFault, UnreadableInput
 from service.jobs.database import FAULTS, SHARDS, patient
 from service.jobs.process import Glance
-from service.jobs.queue import Queue
-from service.jobs.workflow import RECOVERIES, Workflows
 from service.places import Place, StoreFault, file_sha256, place, sha256_of
+
+if TYPE_CHECKING:  # they load DBOS, which a batch on one machine does without
+    from service.jobs.queue import Queue
+    from service.jobs.workflow import Workflows
 
 log = logging.getLogger(__name__)
 
@@ -53,17 +55,17 @@ class Rounds:
     """The shards of all rounds, in the database.
 
     Args:
-        engine: of the database that the queue is in.
+        engine: of the database that the queue is in, or of one for this alone.
     """
 
     def __init__(self, engine: sa.Engine) -> None:
         self._engine = engine
 
-    def put(self, queue: Queue, name: str, out: str, counts: Sequence[int]) -> None:
-        """Put a round into the queue.
+    def put(self, queue: Queue | None, name: str, out: str, counts: Sequence[int]) -> None:
+        """Begin a round.
 
         Args:
-            queue: the queue.
+            queue: of the workers elsewhere; None where the shards are made in this process.
             name: of the round.
             out: address of the archives.
             counts: photos of each shard.
@@ -72,8 +74,9 @@ class Rounds:
             numbers = enumerate([0, *counts], -1)
             rows = [{"round": name, "number": number, "photos": count} for number, count in numbers]
             connection.execute(sa.insert(SHARDS), rows)
-            for number in range(len(counts)):
-                queue.enqueue(connection, QUEUE, WORKFLOW, workflow_id(name, number), number + 1, out, name, number)
+            if queue is not None:
+                for number in range(len(counts)):
+                    queue.enqueue(connection, QUEUE, WORKFLOW, workflow_id(name, number), number + 1, out, name, number)
 
     def begin(self, name: str, number: int, at: int) -> int:
         """A photo of a shard has its turn; returns how often a worker was lost with it."""
@@ -104,9 +107,10 @@ class Rounds:
             row = connection.execute(query.where(SHARDS.c.round == name, SHARDS.c.number >= 0)).one()
         return int(row[0]), int(row[1]), int(row[2])
 
-    def forget(self, queue: Queue, name: str, count: int) -> None:
+    def forget(self, queue: Queue | None, name: str, count: int) -> None:
         """Forget a round of so many shards that has ended."""
-        queue.delete([workflow_id(name, number) for number in range(count)])
+        if queue is not None:
+            queue.delete([workflow_id(name, number) for number in range(count)])
         with self._engine.begin() as connection:
             connection.execute(sa.delete(SHARDS).where(SHARDS.c.round == name))
 
@@ -151,20 +155,17 @@ class Shards:
         scratch: folder for files on their way; on the file system of the archives, where that is a disk.
         stopping: set when this process is to end.
         gave_up: told why no photo can be made here, whichever it is.
-        recorded: whether a shard that was stopped may be recorded as ended; else its step waits for the end of this
-            process, so that it goes on elsewhere or after the next start.
     """
 
     def __init__(
         self, rounds: Rounds, maker: Maker, scratch: Path, stopping: threading.Event,
-        gave_up: Callable[[AvatarError], None], *, recorded: bool,
+        gave_up: Callable[[AvatarError], None],
     ) -> None:  # fmt: skip
         self._rounds = rounds
         self._maker = maker
         self._scratch = scratch
         self._stopping = stopping
         self._gave_up = gave_up
-        self._recorded = recorded
         self.running: set[tuple[str, int]] = set()
 
     def workflows(self, most: int, look_s: float) -> Workflows:
@@ -174,11 +175,17 @@ class Shards:
             most: shards that this process takes at a time.
             look_s: seconds between two looks into the queue.
         """
+        from dbos import DBOS
+
+        from service.jobs.workflow import RECOVERIES, Workflows
 
         def register() -> None:
             @DBOS.step(name="photos")
             def photos(out: str, name: str, number: int) -> str:
-                return self.run(out, name, number)
+                ending = self.run(out, name, number)
+                while self._stopping.is_set():  # for the end of this process: it goes on elsewhere, or after the start
+                    time.sleep(1.0)
+                return ending
 
             @DBOS.workflow(name=WORKFLOW, max_recovery_attempts=RECOVERIES)
             def shard(out: str, name: str, number: int) -> str:
@@ -204,8 +211,6 @@ class Shards:
             self._gave_up(end.error)
         finally:
             self.running.discard((name, number))
-        while self._stopping.is_set() and not self._recorded:
-            time.sleep(1.0)
         return ending
 
     def _run(self, target: Place, name: str, number: int) -> str:

@@ -20,7 +20,7 @@ def batches(worker: Worker) -> Sequence[Workflows]:
     settings, runner = worker.settings, worker.runner
     maker = LocalMaker(dataclasses.replace(settings, program=settings.batch_program))
     rounds, scratch = Rounds(worker.engine), runner.scratch / "batches"
-    shards = Shards(rounds, maker, scratch, runner.stopping, lambda error: worker.quit(error.message), recorded=False)
+    shards = Shards(rounds, maker, scratch, runner.stopping, lambda error: worker.quit(error.message))
     return [shards.workflows(settings.batches, settings.look_seconds / LOOKS)]
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from service.cli.flags import SERVER, Flag, with_flags
 from service.errors import UsageError
-from service.jobs.settings import Settings, from_environment
+from service.jobs.settings import from_environment
 
 
 @with_flags(
@@ -31,7 +30,7 @@ def serve(
 
     Every setting can also come from the environment: AVATARME_PORT, AVATARME_RESULT_HOURS ...; docs/service.md has all.
     """
-    settings = _settings(flags | {"anybody": anybody})
+    settings = from_environment(flags | {"anybody": anybody})
     from service.api.server import serve as run
 
     run(settings, with_worker=worker)
@@ -43,7 +42,7 @@ def worker(
     **flags: Any,
 ) -> None:
     """Compute jobs that a server elsewhere takes, and shards of batches."""
-    settings = _settings(flags | {"worker": name})
+    settings = from_environment(flags | {"worker": name})
     if not settings.database:
         raise UsageError(
             "a worker by itself needs the Postgres of the server: --database postgresql://...", field="database"
@@ -51,7 +50,3 @@ def worker(
     from service.api.server import work as run
 
     raise typer.Exit(run(settings, "service.batch.worker" if settings.batches else "service.jobs.worker"))
-
-
-def _settings(flags: dict[str, Any]) -> Settings:
-    return from_environment({**flags, "data": None if flags.get("data") is None else Path(flags["data"])})

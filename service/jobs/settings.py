@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from annotated_types import Ge, Gt
+from pydantic import StringConstraints, TypeAdapter
+from pydantic.dataclasses import dataclass
+
+from service.checks import CHECKED, Checked, Right
 from service.errors import UsageError
 
 PREFIX = "AVATARME_"
 
-_KINDS: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "Path": Path}
+_Flag = Annotated[bool, Right("true or false")]
+_Count = Annotated[int, Ge(0), Right("a whole number, at least 0")]
+_Several = Annotated[int, Ge(1), Right("a whole number, at least 1")]
+_Time = Annotated[float, Gt(0), Right("a number above 0")]
+_Name = Annotated[str, StringConstraints(pattern=r"^[\w.-]+$"), Right("of letters, digits, '-', '_' and '.'")]
+_Database = Annotated[
+    str, StringConstraints(pattern=r"^(postgresql.*|sqlite:///.*)?$"),
+    Right("a postgresql:// address, or empty for SQLite"),
+]  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
-class Settings:
+@dataclass(frozen=True, kw_only=True, config=CHECKED)
+class Settings(Checked):
     """Settings of one server or worker process.
 
     Attributes:
@@ -65,69 +77,59 @@ class Settings:
         render_program: module that renders a picture; likewise.
         export_program: module that makes a kit; likewise.
         batch_program: module that makes a photo of a batch; likewise.
+
+    Raises:
+        UsageError: a value is not of its kind or out of range; names it and what would be right.
     """
 
     data: Path = Path("avatarme-data")
-    database: str = ""
+    database: _Database = ""
     artifacts: str = ""
-    signed_downloads: bool = False
-    worker: str = "solo"
-    jobs: int = 1
-    batches: int = 0
-    look_seconds: float = 2.0
-    memory_mb: int = 8192
-    job_seconds: float = 1800.0
-    niceness: int = 10
-    result_hours: float = 24.0
-    tombstone_hours: float = 168.0
-    max_queued: int = 2000
-    reserve_mb: int = 2048
+    signed_downloads: _Flag = False
+    worker: _Name = "solo"
+    jobs: _Several = 1
+    batches: _Count = 0
+    look_seconds: _Time = 2.0
+    memory_mb: _Count = 8192
+    job_seconds: _Time = 1800.0
+    niceness: Annotated[int, Right("a whole number")] = 10
+    result_hours: _Time = 24.0
+    tombstone_hours: _Time = 168.0
+    max_queued: _Several = 2000
+    reserve_mb: _Count = 2048
     host: str = "127.0.0.1"
-    port: int = 8000
+    port: _Count = 8000
     allowed_hosts: str = ""
     keys: str = ""
-    first_key: bool = False
-    anybody: bool = False
-    max_unfinished: int = 2000
-    decode_mb: int = 0
-    uploads: int = 64
-    connections: int = 512
-    renders: int = 1
-    render_seconds: float = 120.0
-    render_wait_seconds: float = 100.0
-    exports: int = 1
-    export_seconds: float = 600.0
-    header_seconds: float = 10.0
-    body_seconds: float = 120.0
-    idle_seconds: float = 10.0
-    stalled_seconds: float = 60.0
-    notice_seconds: float = 1.0
+    first_key: _Flag = False
+    anybody: _Flag = False
+    max_unfinished: _Several = 2000
+    decode_mb: _Count = 0
+    uploads: _Several = 64
+    connections: _Count = 512
+    renders: _Count = 1
+    render_seconds: _Time = 120.0
+    render_wait_seconds: _Time = 100.0
+    exports: _Count = 1
+    export_seconds: _Time = 600.0
+    header_seconds: _Time = 10.0
+    body_seconds: _Time = 120.0
+    idle_seconds: _Time = 10.0
+    stalled_seconds: _Time = 60.0
+    notice_seconds: _Time = 1.0
     webhook_hosts: str = ""
     webhook_secret: str = ""
-    webhook_private: bool = False
+    webhook_private: _Flag = False
     program: str = "service.jobs.avatar_process"
     render_program: str = "service.jobs.render_process"
     export_program: str = "service.jobs.kit_process"
     batch_program: str = "service.jobs.avatar_process"
 
     def __post_init__(self) -> None:
-        for field in (field for field in fields(self) if field.type == "int" and field.name != "niceness"):
-            name, least = field.name, int(field.name in ("jobs", "uploads", "max_queued", "max_unfinished"))
-            if getattr(self, name) < least:
-                raise UsageError(f"{name} is {getattr(self, name)}; it has to be at least {least}", field=name)
-        for name in (field.name for field in fields(self) if field.name.endswith(("_seconds", "_hours"))):
-            if not getattr(self, name) > 0:
-                raise UsageError(f"{name} is {getattr(self, name)}; it has to be above 0", field=name)
-        if not self.worker or not self.worker.replace("-", "").replace("_", "").replace(".", "").isalnum():
-            raise UsageError(
-                f"worker is {self.worker!r}; letters, digits, '-', '_' and '.' are allowed", field="worker"
-            )
         if self.first_key and not self.keys:
             raise UsageError("first_key is on and keys names no file that the key could be in", field="keys")
         if self.webhook_hosts and not Path(self.webhook_secret or "/dev/null").is_file():
             raise UsageError("webhook_hosts needs webhook_secret, the file with the secret", field="webhook_secret")
-        if self.database and not self.database.startswith(("postgresql", "sqlite:///")):
-            raise UsageError("database has to be a postgresql:// address, or empty for SQLite", field="database")
 
     @property
     def database_url(self) -> str:
@@ -148,36 +150,28 @@ class Settings:
 
     def to_json(self) -> str:
         """For a process that this one starts; see :func:`from_json`."""
-        return json.dumps(asdict(self), default=str)
+        return TypeAdapter(Settings).dump_json(self).decode()
 
 
 def from_json(text: str) -> Settings:
     """The inverse of :meth:`Settings.to_json`."""
-    values = json.loads(text)
-    return Settings(**{**values, "data": Path(values["data"])})
+    return TypeAdapter(Settings).validate_json(text)
 
 
 def from_environment(flags: Mapping[str, Any], environment: Mapping[str, str] = os.environ) -> Settings:
     """Settings from flags (None: not given), then the environment, then the defaults.
 
     Raises:
-        UsageError: a value is not of its kind or out of range; names the variable.
+        UsageError: as :class:`Settings`; names the variable where the value is from one.
     """
-    chosen: dict[str, Any] = {}
-    for field in fields(Settings):
-        variable = PREFIX + field.name.upper()
-        if flags.get(field.name) is not None:
-            chosen[field.name] = flags[field.name]
-        elif variable in environment:
-            chosen[field.name] = _value(variable, environment[variable], _KINDS[str(field.type)])
-    return Settings(**chosen)
-
-
-def _value(variable: str, text: str, kind: type) -> Any:
-    from pydantic import TypeAdapter, ValidationError
-
+    variables = {field.name: PREFIX + field.name.upper() for field in fields(Settings)}
+    named = {name: environment[variable] for name, variable in variables.items() if variable in environment}
+    given = {name: value for name, value in flags.items() if value is not None}
     try:
-        return TypeAdapter(kind).validate_python(text)
-    except ValidationError as error:
-        wanted = "true or false" if kind is bool else "a number"
-        raise UsageError(f"{variable} is {text!r}; it has to be {wanted}") from error
+        return Settings(**{**named, **given})
+    except UsageError as error:
+        name = error.extra["field"]
+        if name in given or name not in named:
+            raise
+        words = error.message.replace(name, variables[name], 1)
+        raise UsageError(words, field=name) from error

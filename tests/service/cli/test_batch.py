@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,12 +16,6 @@ from tests.support.archives import archive
 def fake() -> Iterator[Fake]:
     with serving(Fake(archive=archive())) as running:
         yield running
-
-
-@pytest.fixture(autouse=True)
-def _no_handler_of_an_earlier_test() -> None:
-    """DBOS writes to the standard error of its start, which is closed when the next test begins."""
-    logging.getLogger("dbos").handlers.clear()
 
 
 @pytest.fixture

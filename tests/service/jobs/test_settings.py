@@ -23,9 +23,9 @@ def test_settings_reach_another_process_unchanged() -> None:
     ("environment", "words"),
     [
         ({"AVATARME_PORT": "http"}, "AVATARME_PORT is 'http'"),
-        ({"AVATARME_JOBS": "0"}, "jobs is 0"),
-        ({"AVATARME_JOB_SECONDS": "nan"}, "job_seconds is nan"),
-        ({"AVATARME_WORKER": "a b"}, "worker is 'a b'"),
+        ({"AVATARME_JOBS": "0"}, "AVATARME_JOBS is '0'; it has to be a whole number, at least 1"),
+        ({"AVATARME_JOB_SECONDS": "nan"}, "AVATARME_JOB_SECONDS is 'nan'"),
+        ({"AVATARME_WORKER": "a b"}, "AVATARME_WORKER is 'a b'"),
         ({"AVATARME_DATABASE": "mysql://x"}, "postgresql"),
     ],
 )
