@@ -10,7 +10,7 @@ import socket
 import time
 
 from fastapi import Request
-from starlette.datastructures import URL
+from starlette.datastructures import URL, Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.info import DURATION, REQUESTS, UPLOAD_BYTES
@@ -187,11 +187,11 @@ class Front:
             await self._app(scope, receive, send)
             return
         scope = in_origin_form(scope)
-        headers = RequestHead(scope)
-        given = headers.first(b"x-request-id")
+        headers = Headers(scope=scope)
+        given = headers.get("x-request-id", "")
         exchange = _Exchange(scope, receive, send, given if _ID.match(given) else secrets.token_hex(8))
         try:
-            refusal = self._refusal(headers)
+            refusal = self._refusal(scope, headers)
             if refusal is not None:
                 await response(refusal.body, refusal.headers, scope["path"])(scope, receive, exchange.send)
             else:
@@ -199,51 +199,23 @@ class Front:
         finally:
             exchange.log()
 
-    def _refusal(self, head: RequestHead) -> HttpProblem | None:
-        if head.count(b"host") > 1 or not self._hosts.allow(head.first(b"host"), head.path()):
+    def _refusal(self, scope: Scope, headers: Headers) -> HttpProblem | None:
+        host, site, origin = (headers.get(name, "") for name in ("host", "sec-fetch-site", "origin"))
+        if len(headers.getlist("host")) > 1 or not self._hosts.allow(host, scope["path"]):
             return HttpProblem("bad-host", 400)
-        if is_foreign(head.method(), head.first(b"sec-fetch-site"), head.first(b"origin"), head.first(b"host")):
+        if is_foreign(scope["method"], site, origin, host):
             return HttpProblem("cross-origin", 403, headers={"Connection": "close"})
-        if head.count(b"content-length") and head.count(b"transfer-encoding"):
+        if "content-length" in headers and "transfer-encoding" in headers:
             detail = "Content-Length and Transfer-Encoding exclude each other"
             return HttpProblem("bad-request", 400, detail, {"Connection": "close"})
-        if head.first(b"content-encoding").strip().lower() not in ("", "identity"):
-            words = "a body is taken as it is, without Content-Encoding"
-            headers = {"Accept-Encoding": "identity", "Connection": "close"}
-            return HttpProblem("unsupported-media-type", 415, words, headers)
-        if head.size() > MAX_HEAD:
+        if headers.get("content-encoding", "").strip().lower() not in ("", "identity"):
+            words, more = "a body is taken as it is, without Content-Encoding", {"Accept-Encoding": "identity"}
+            return HttpProblem("unsupported-media-type", 415, words, more | {"Connection": "close"})
+        address = len(scope.get("raw_path", b"")) + len(scope["query_string"])
+        if address + sum(len(name) + len(value) for name, value in headers.raw) > MAX_HEAD:
             detail = f"address and headers may have {MAX_HEAD} bytes"
             return HttpProblem("bad-request", 431, detail, {"Connection": "close"})
         return None
-
-
-class RequestHead:
-    """Address and headers of a request as they came; names are in lower case already."""
-
-    def __init__(self, scope: Scope) -> None:
-        self._scope = scope
-        self._headers: list[tuple[bytes, bytes]] = scope["headers"]
-
-    def first(self, name: bytes) -> str:
-        """The first value of a header, "" where there is none."""
-        return next((value.decode("latin-1") for key, value in self._headers if key == name), "")
-
-    def count(self, name: bytes) -> int:
-        """How often a header occurs."""
-        return sum(key == name for key, _ in self._headers)
-
-    def method(self) -> str:
-        """The method."""
-        return str(self._scope["method"])
-
-    def path(self) -> str:
-        """Path of the address."""
-        return str(self._scope["path"])
-
-    def size(self) -> int:
-        """Bytes of all."""
-        size = len(self._scope.get("raw_path", b"")) + len(self._scope["query_string"])
-        return size + sum(len(name) + len(value) for name, value in self._headers)
 
 
 class _Exchange:

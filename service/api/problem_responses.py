@@ -66,6 +66,7 @@ EXPLANATIONS = {
 }
 """What each code of this interface means, for ``/problems/{code}``."""
 
+_FAULTS = (AvatarError, OSError, sa.exc.SQLAlchemyError)
 _STATUS_CODES = {404: "not-found", 405: "method-not-allowed", 400: "bad-request"}
 
 
@@ -103,14 +104,8 @@ def not_found() -> HttpProblem:
 
 def install(app: FastAPI) -> None:
     """Let every exception of ``app`` leave as a problem."""
-    app.add_exception_handler(HttpProblem, _problem)
-    app.add_exception_handler(AvatarError, _fault)
-    app.add_exception_handler(HTTPException, _http)
-    app.add_exception_handler(RequestValidationError, _validation)
-    app.add_exception_handler(OSError, _disk)
-    app.add_exception_handler(StoreFault, _database)
-    app.add_exception_handler(sa.exc.SQLAlchemyError, _database)
-    app.add_exception_handler(Exception, _unexpected)
+    for kind in (HttpProblem, HTTPException, RequestValidationError, *_FAULTS, Exception):
+        app.add_exception_handler(kind, _answer)
 
 
 def allowed_methods(scope: Scope) -> list[str]:
@@ -121,51 +116,32 @@ def allowed_methods(scope: Scope) -> list[str]:
     return [name for method in taken for name in ((method, "HEAD") if method == "GET" else (method,))]
 
 
-def _problem(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HttpProblem)  # noqa: S101 - what it was registered for
-    return response(error.body, error.headers, request.url.path)
-
-
-def _fault(request: Request, error: Exception) -> Response:
-    body = from_error(error)
-    if body["status"] >= 500:
+def _answer(request: Request, error: Exception) -> Response:
+    body, headers = _problem_of(request, error)
+    if body["status"] >= 500 and isinstance(error, _FAULTS):  # what else is a fault is logged by the server
         log.error("a request failed", exc_info=error)
-    return response(body, None, request.url.path)
+    return response(body, headers, request.url.path)
 
 
-def _http(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)  # noqa: S101 - what it was registered for
-    code = _STATUS_CODES.get(error.status_code, "bad-request" if error.status_code < 500 else "internal")
-    detail = EXPLANATIONS.get(code, "The request could not be answered.")
-    headers = dict(error.headers or {})
-    if error.status_code == 405:
-        headers["Allow"] = ", ".join(allowed_methods(request.scope))
-    return response(problem(code, error.status_code, detail), headers, request.url.path)
-
-
-def _validation(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestValidationError)  # noqa: S101 - what it was registered for
-    first = error.errors()[0]
-    place = "/".join(str(part) for part in first["loc"])
-    detail = f"{place}: {first['msg']}"
-    return response(problem("invalid-parameter", 422, detail, pointer=f"/{place}"), None, request.url.path)
-
-
-def _disk(request: Request, error: Exception) -> Response:
-    """Space may end in the middle of an upload, whatever the reserve said at its beginning."""
-    log.error("a request failed", exc_info=error)
+def _problem_of(request: Request, error: Exception) -> tuple[dict[str, Any], dict[str, str]]:
+    """The problem that an exception leaves as, and further headers of the answer."""
+    if isinstance(error, HttpProblem):
+        return error.body, error.headers
+    if isinstance(error, HTTPException):
+        code = _STATUS_CODES.get(error.status_code, "bad-request" if error.status_code < 500 else "internal")
+        headers = dict(error.headers or {})
+        if error.status_code == 405:
+            headers["Allow"] = ", ".join(allowed_methods(request.scope))
+        return problem(code, error.status_code, EXPLANATIONS.get(code, "The request could not be answered.")), headers
+    if isinstance(error, RequestValidationError):
+        first = error.errors()[0]
+        place = "/".join(str(part) for part in first["loc"])
+        return problem("invalid-parameter", 422, f"{place}: {first['msg']}", pointer=f"/{place}"), {}
+    if isinstance(error, StoreFault | sa.exc.SQLAlchemyError):
+        return problem("unavailable", 503, EXPLANATIONS["unavailable"]), {"Retry-After": "5"}
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-        full = problem("no-space", 507, EXPLANATIONS["no-space"])
-        return response(full, {"Retry-After": "120"}, request.url.path)
-    return response(from_error(error), None, request.url.path)
-
-
-def _database(request: Request, error: Exception) -> Response:
-    log.error("a request failed", exc_info=error)
-    body = problem("unavailable", 503, EXPLANATIONS["unavailable"])
-    return response(body, {"Retry-After": "5"}, request.url.path)
-
-
-def _unexpected(request: Request, error: Exception) -> Response:
-    # The connection is closed after this answer. A client that is not told so sends its next request into the void.
-    return response(from_error(error), {"Connection": "close"}, request.url.path)
+        # In the middle of an upload, whatever the reserve said at its beginning.
+        return problem("no-space", 507, EXPLANATIONS["no-space"]), {"Retry-After": "120"}
+    # After an unexpected exception the connection is closed; a client that is not told so sends its next request into
+    # the void.
+    return from_error(error), {} if isinstance(error, _FAULTS) else {"Connection": "close"}

@@ -172,13 +172,7 @@ class WorkerKeeper:
         pause = _SHORTEST
         while not self._stopping.is_set():
             begin = time.monotonic()
-            self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and our own module, no shell
-                [sys.executable, "-m", "service.jobs.worker", str(os.getpid())], stdin=subprocess.PIPE
-            )
-            with contextlib.suppress(OSError):
-                if self._process.stdin is not None:
-                    self._process.stdin.write(self._settings.to_json().encode() + b"\n")
-                    self._process.stdin.close()
+            self._process = _started(self._settings)
             if self._stopping.is_set():
                 self._process.terminate()
             status = self._process.wait()
@@ -264,12 +258,19 @@ def serve(settings: Settings, *, with_worker: bool = True) -> None:
 
 def work(settings: Settings, module: str = "service.jobs.worker") -> int:
     """Run a worker alone until a signal ends it; returns its exit status. ``module`` is the program of its process."""
+    process = _started(settings, module)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda number, frame: process.send_signal(number))
+    return process.wait()
+
+
+def _started(settings: Settings, module: str = "service.jobs.worker") -> subprocess.Popen[bytes]:
+    """The process of a worker, with its settings on standard input."""
     process = subprocess.Popen(  # noqa: S603 - our own interpreter and our own module, no shell
         [sys.executable, "-m", module, str(os.getpid())], stdin=subprocess.PIPE
     )
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda number, frame: process.send_signal(number))
-    if process.stdin is not None:
-        process.stdin.write(settings.to_json().encode() + b"\n")
-        process.stdin.close()
-    return process.wait()
+    with contextlib.suppress(OSError):  # it has ended already
+        if process.stdin is not None:
+            process.stdin.write(settings.to_json().encode() + b"\n")
+            process.stdin.close()
+    return process

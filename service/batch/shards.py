@@ -1,9 +1,9 @@
 """A shard: up to a hundred photos, one after the other, each in a process of its own, and their report.
 
 Where workers on other machines make them, each is a workflow of DBOS on a queue of its own: it goes to whoever has a
-hand free, and to another worker where that one dies. What is finished shows in the archives and in the shard's report, which is
-written anew after each photo: so the next worker goes on at the same photo, and one that was frozen meanwhile and comes
-back does no harm.
+hand free, and to another worker where that one dies. What is finished shows in the archives and in the shard's report,
+which is written anew after each photo: so the next worker goes on at the same photo, and one that was frozen meanwhile
+and comes back does no harm.
 """
 
 from __future__ import annotations

@@ -12,7 +12,6 @@ from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
 _OOM_SCORE = "500"
-_M_MMAP_THRESHOLD = -3
 _LARGE = 1 << 20
 
 
@@ -77,12 +76,11 @@ def give_back_memory() -> None:
     It would raise the size from which it does so with every photo that passes through, and then keep what was freed, in
     a heap of its own for each thread.
     """
-    if sys.platform != "linux":
-        return
-    with contextlib.suppress(OSError, AttributeError):
-        import ctypes
+    from service.runtime.sessions import MMAP_THRESHOLD, glibc
 
-        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE)
+    libc = glibc()
+    if libc is not None:
+        libc.mallopt(MMAP_THRESHOLD, _LARGE)
 
 
 def end_with(pipe: int) -> None:

@@ -78,7 +78,7 @@ def openvino_library() -> Any:
     return openvino
 
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
+TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
 """Parameters of mallopt(3)."""
 
 HEAPS = 2
@@ -98,32 +98,32 @@ _CV_NO_MEMORY = -4
 @contextmanager
 def prompt_release() -> Iterator[None]:
     """Give freed blocks of more than ``SMALL`` bytes back at once; other C libraries are left as they are."""
-    libc = _glibc()
+    libc = glibc()
     if libc is None:
         yield
         return
-    libc.mallopt(_MMAP_THRESHOLD, SMALL)
+    libc.mallopt(MMAP_THRESHOLD, SMALL)
     try:
         yield
     finally:
         # A threshold that was set once no longer adapts, nor does the other: both go to what they adapt to.
-        libc.mallopt(_MMAP_THRESHOLD, LARGE)
-        libc.mallopt(_TRIM_THRESHOLD, 2 * LARGE)
+        libc.mallopt(MMAP_THRESHOLD, LARGE)
+        libc.mallopt(TRIM_THRESHOLD, 2 * LARGE)
         release()
 
 
 def few_heaps() -> None:
     """Have threads that are yet to begin share ``HEAPS`` heaps; other C libraries are left as they are."""
-    libc = _glibc()
+    libc = glibc()
     if libc is not None:
-        libc.mallopt(_ARENA_MAX, HEAPS)
-        libc.mallopt(_MMAP_THRESHOLD, LARGE)
-        libc.mallopt(_TRIM_THRESHOLD, 2 * LARGE)
+        libc.mallopt(ARENA_MAX, HEAPS)
+        libc.mallopt(MMAP_THRESHOLD, LARGE)
+        libc.mallopt(TRIM_THRESHOLD, 2 * LARGE)
 
 
 def release() -> None:
     """Give what was freed and kept for later back to the system; other C libraries are left as they are."""
-    libc = _glibc()
+    libc = glibc()
     if libc is not None:
         libc.malloc_trim(0)
 
@@ -135,7 +135,7 @@ def lacked_memory(error: BaseException) -> bool:
 
 
 @lru_cache(maxsize=1)
-def _glibc() -> Any:
+def glibc() -> Any:
     """The C library where it is glibc, else None."""
     if not sys.platform.startswith("linux"):
         return None
