@@ -6,14 +6,14 @@ What the photo does not show stays the style's. ``service.hair.shape`` then fits
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from service.arrays import Int64
 from service.hair.bank import Bank, Matches
-from service.hair.guides import grow_guides, grown
+from service.hair.guides import grow_several, grown
 from service.hair.kinds import GATHERED, KINDS, kinds_of
 from service.hair.reading import HairReading
 from service.hair.scalp import Scalp
@@ -65,14 +65,17 @@ def choose(
         likeliest: how many styles are tried, beside the best of each kind.
     """
     rows = candidates(bank, matches, read, likeliest)
-    best = min((tried(bank.style(int(row)), sight, skin, seed, read) for row in rows), key=lambda one: one.loss)
-    for change in _changes():
-        changed = change(best.style)
-        if changed == best.style:
-            continue
-        other = tried(changed, sight, skin, seed, read)
-        if other.loss < best.loss - KEEP:
-            best = other
+    several = list(dict.fromkeys(bank.style(int(row)) for row in rows))
+    best = min(tried(several, sight, skin, seed, read), key=lambda one: one.loss)
+    changes = {changed: change for change in _changes() if (changed := change(best.style)) != best.style}
+    other = tried(list(changes), sight, skin, seed, read)
+    helpful = sorted((one for one in other if one.loss < best.loss - KEEP), key=lambda one: one.loss)
+    if helpful:
+        style, together = helpful[0].style, []
+        for one in helpful[1:]:
+            style = changes[one.style](style)
+            together.append(style)
+        best = min([helpful[0], *tried(together, sight, skin, seed, read)], key=lambda one: one.loss)
     return best.style
 
 
@@ -94,19 +97,23 @@ def candidates(bank: Bank, matches: Matches, read: HairReading, likeliest: int) 
     return np.asarray(list(dict.fromkeys([*order[:likeliest], *best[share >= OF_EACH]])), np.int64)
 
 
-def tried(style: Style, sight: Sight, skin: Scalp, seed: int, read: HairReading) -> Tried:
-    """Grow the guides of a style and compare them with the photo and with what was read of it."""
-    rng = np.random.default_rng([seed, 0x7E1])
-    roots = grown(skin.even.chosen(np.arange(TRIED_GUIDES)), style, rng)
-    if not len(roots):
-        return Tried(style, 1.0)
-    guides = grow_guides(style, roots, skin, rng)
-    drawn = sight.drawn(guides)
-    own = kinds_of(style, guides)
-    chances = [read.kinds[name].get(own[name], 0.0) for name in ("length", "gathered")]
-    doubt = -float(np.log(np.maximum(chances, UNLIKELY)).sum())
-    loss = 1 - overlap(sight.hair, drawn.mask, sight.known) + ANGLE * across(drawn, sight) + KIND * doubt
-    return Tried(style, loss)
+def tried(styles: Sequence[Style], sight: Sight, skin: Scalp, seed: int, read: HairReading) -> list[Tried]:
+    """Grow the guides of styles and compare them with the photo and with what was read of it."""
+    heads = []
+    for style in styles:
+        rng = np.random.default_rng([seed, 0x7E1])
+        heads.append((style, grown(skin.even.chosen(np.arange(TRIED_GUIDES)), style, rng), rng))
+    found = []
+    for style, guides in zip(styles, grow_several(heads, skin), strict=True):
+        loss = 1.0
+        if len(guides):
+            drawn = sight.drawn(guides)
+            own = kinds_of(style, guides)
+            chances = [read.kinds[name].get(own[name], 0.0) for name in ("length", "gathered")]
+            doubt = -float(np.log(np.maximum(chances, UNLIKELY)).sum())
+            loss = 1 - overlap(sight.hair, drawn.mask, sight.known) + ANGLE * across(drawn, sight) + KIND * doubt
+        found.append(Tried(style, loss))
+    return found
 
 
 def across(drawn: Drawn, sight: Sight) -> float:
@@ -120,7 +127,7 @@ Change = Callable[[Style], Style]
 
 
 def _changes() -> Iterator[Change]:
-    """Steps that are tried one after the other."""
+    """Steps that are tried, first one by one."""
     for sign in (1, -1):
         factor = float(np.exp(sign * 0.45))
         yield lambda s, f=factor: s.scaled(f, *LENGTHS)  # type: ignore[misc]

@@ -5,13 +5,15 @@ All lengths are metres in the head's frame: +X the subject's left, +Y up, +Z for
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from service.arrays import Bool, Float32, Int64
 from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp, unit
 from service.hair.style import LOOSE, Style
+from service.hair.style import Combing as Combed
 
 GUIDES, GUIDE_POINTS = 600, 32
 DEEP = np.array([0.0, 0.0, 1.0], np.float32)
@@ -104,47 +106,66 @@ def groups(style: Style, roots: Roots) -> Int64:
     return sum((part.astype(np.int64) << bit for bit, part in enumerate(parts)), np.zeros(len(roots), np.int64))
 
 
-def combed(style: Style, points: Float32, outwards: Float32, side: Float32, fringe: Bool) -> Float32:
-    """(N, 3) unit directions along the skin in which hair at these points is combed.
+_COMBED: Mapping[Combed, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "natural": ((0, -0.3, 0, 1, 0), (0, -0.3, 0, 1, 0)), "down": ((1.3, -0.4, -0.25, 0, 0), (0, -1, 0, 1, 0)),
+    "back": ((0, 0.25, -1, 0, 0), (0, -0.35, -1, 0, 0)), "forward": ((0, 0, 0.9, 1, 0), (0, 0, 0.9, 1, 0)),
+    "side": ((1.2, 0, 0.35, 0, 0), (0, -0.5, 0, 1, 0)), "up": ((0, 0, 0.2, 0.3, 0.6), (0, 0, 0, 0.3, 0.6)),
+}  # fmt: skip
+"""How hair is combed on the front of the head and on the rest: away from the parting, up, ahead, as it turns away from
+the crown, and out of the head."""
 
-    Args:
-        style: how.
-        points: (N, 3) metres.
-        outwards: (N, 3) unit normals of the body there.
+
+@dataclass(frozen=True)
+class Combs:
+    """How each of N strands is combed, of any number of styles.
+
+    Attributes:
+        front, rest: (N, 5) float32 weights as in ``_COMBED``, on the front of the head and on the rest.
         side: (N,) +1 or -1: on which side of the parting the strand grows.
-        fringe: (N,) what lies over the forehead.
+        fringe: (N,) bool, what lies over the forehead.
+        tucked: (N,) float32, how much of it goes behind the ears.
+        along: (N,) float32, 1 where it lies along the skin, 0 where it is combed up.
     """
-    from_crown = points - CROWN
-    ahead, up = np.array([0, 0, 1], np.float32), np.array([0, 1, 0], np.float32)
-    swirl = from_crown + 0.5 * np.cross(outwards, from_crown)
-    # On the whorl itself all directions meet; there hair lies backwards, as it does on most heads.
-    swirl = swirl - 0.03 * np.exp(-np.square(np.linalg.norm(from_crown, axis=1, keepdims=True) / 0.03)) * ahead
-    natural = unit(swirl)
-    sideways = side[:, None] * np.array([1, 0, 0], np.float32)
-    front = _step(-0.09, -0.02, points[:, 2])[:, None]
-    match style.combing:
-        case "natural":
-            wish = natural + 0.3 * DOWN
-        case "down":
-            wish = front * (1.3 * sideways - 0.25 * ahead + 0.4 * DOWN) + (1 - front) * (natural + DOWN)
-        case "back":
-            wish = -ahead + 0.25 * up * front + 0.35 * DOWN * (1 - front)
-        case "forward":
-            wish = natural + 0.9 * ahead
-        case "side":
-            wish = front * (sideways * 1.2 + 0.35 * ahead) + (1 - front) * (natural + 0.5 * DOWN)
-        case "up":
-            wish = 0.6 * outwards + natural * 0.3 + 0.2 * ahead * front
-    if style.parting != "none" and style.combing in ("natural", "forward"):
-        wish = wish + 0.8 * front * sideways
-    if style.tucked > 0:
-        x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
-        beside = _step(0.03, 0.05, x) * _step(0.06, 0.02, y) * _step(-0.10, -0.04, z)
-        behind = -1.2 * ahead + 0.25 * DOWN
-        wish = wish + style.tucked * 3.0 * beside[:, None] * (behind - 0.5 * wish)
-    wish = np.where(fringe[:, None], ahead + 0.25 * wish + 0.6 * DOWN, wish)
-    along = wish - outwards * (wish * outwards).sum(1, keepdims=True) * (style.combing != "up")
-    return unit(along)
+
+    front: Float32
+    rest: Float32
+    side: Float32
+    fringe: Bool
+    tucked: Float32
+    along: Float32
+
+    @classmethod
+    def of(cls, style: Style, roots: Roots) -> Combs:
+        """Of one style's strands."""
+        count = len(roots)
+        front, rest = (np.tile(np.array(weights, np.float32), (count, 1)) for weights in _COMBED[style.combing])
+        if style.parting != "none" and style.combing in ("natural", "forward"):
+            front[:, 0] += 0.8
+        forward = style.combing == "forward" or style.fringe_mm < SHORT_FRINGE * style.top_mm
+        whole = np.ones(count, np.float32)
+        return cls(front, rest, sides_of(style, roots), _fringe(roots) & forward, style.tucked * whole,
+                   (style.combing != "up") * whole)  # fmt: skip
+
+    def at(self, points: Float32, outwards: Float32) -> Float32:
+        """(N, 3) unit directions along the skin at points (N, 3) with the body's normals (N, 3) there."""
+        from_crown = points - CROWN
+        ox, oy, oz = np.ascontiguousarray(outwards.T)
+        x, y, z = np.ascontiguousarray(from_crown.T)
+        whorl = 0.03 * np.exp(-(x * x + y * y + z * z) / np.float32(0.03**2))
+        # On the whorl itself all directions meet; there hair lies backwards, as it does on most heads.
+        turned = x + 0.5 * (oy * z - oz * y), y + 0.5 * (oz * x - ox * z), z + 0.5 * (ox * y - oy * x) - whorl
+        natural = unit(np.stack(turned, 1))
+        front = _step(-0.09, -0.02, points[:, 2])[:, None]
+        aside, up, ahead, turn, out = (self.rest + front * (self.front - self.rest)).T
+        wish = turn[:, None] * natural + out[:, None] * outwards
+        wish += np.stack([aside * self.side, up, ahead], 1)
+        if self.tucked.any():
+            far, height, depth = np.abs(points[:, 0]), points[:, 1], points[:, 2]
+            beside = _step(0.03, 0.05, far) * _step(0.06, 0.02, height) * _step(-0.10, -0.04, depth)
+            behind = np.array([0, -0.25, -1.2], np.float32)
+            wish = wish + (3.0 * self.tucked * beside)[:, None] * (behind - 0.5 * wish)
+        wish = np.where(self.fringe[:, None], np.array([0, -0.6, 1], np.float32) + 0.25 * wish, wish)
+        return unit(wish - outwards * ((wish * outwards).sum(1) * self.along)[:, None])
 
 
 PARTED = 0.5
@@ -170,70 +191,113 @@ def grow_guides(
     style: Style, roots: Roots, skin: Scalp, rng: np.random.Generator, wish: Combing | None = None
 ) -> Float32:
     """(G, 32, 3) guides from their roots: combed, lifted, bent by their weight, gathered where that is asked for."""
-    length = lengths(style, roots, rng)
-    free = np.ones(len(roots), bool)
-    guides = np.zeros((len(roots), GUIDE_POINTS, 3), np.float32)
-    if style.gather != "none":
-        free = ~_tied(style, roots)
-        if style.gather not in LOOSE:
-            length = np.where(free, np.minimum(length, rng.uniform(*WISP_LENGTHS_M, len(roots))), length)
-        if (~free).any():
-            guides[~free] = _gathered(style, roots.chosen(~free), length[~free], skin, rng)
-    if free.any():
-        guides[free] = _hanging(style, roots.chosen(free), length[free], skin, rng, wish)
-    return guides
+    return grow_several([(style, roots, rng)], skin, wish)[0]
 
 
-def _hanging(
-    style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.random.Generator, wish: Combing | None
-) -> Float32:
-    side = sides_of(style, roots)
-    step = (length / (GUIDE_POINTS - 1))[:, None]
-    # Hair from higher up lies over hair from below, so the body of hair gets its thickness.
-    layer = 0.25 + 0.75 * _step(-0.6, 1.2, roots.elevation)
-    layer = (layer * rng.uniform(0.5, 1.0, len(roots))).astype(np.float32)
-    place = roots.position
-    forward = style.combing == "forward" or style.fringe_mm < SHORT_FRINGE * style.top_mm
-    fringe = _fringe(roots) & forward
-    comb = combed(style, place, roots.normal, side, fringe)
-    if wish is not None:
-        own, sure = wish(place, roots.normal)
-        comb = unit(comb * (1 - sure[:, None]) + own * sure[:, None])
-    parted = 0.15 * np.exp(-np.square(_from_parting(style, roots) / 0.012)) if style.parting != "none" else 0.0
-    # Long strands have long steps: the first of them must not carry them farther from the skin than short ones'.
-    rising = np.clip(style.lift + parted, 0, 1) * np.clip(RISES_M / np.maximum(step[:, 0], 1e-6), 0.3, 1)
-    rising = rising[:, None]
-    heading = unit(rising * roots.normal + (1.02 - rising) * comb)
-    points = [place]
-    long = _step(0.09, 0.14, length)[:, None]
-    before = _forward(roots) & (rng.random(len(roots)) >= style.tucked)
-    astray = rng.normal(0, 0.7, (len(roots), 3)).astype(np.float32) * np.exp(
-        -np.square(np.linalg.norm(place - CROWN, axis=1, keepdims=True) / 0.035)
-    )
-    astray -= roots.normal * (astray * roots.normal).sum(1, keepdims=True)  # it whirls, it does not stand up
-    heading = unit(heading + astray)
-    for k in range(1, GUIDE_POINTS):
-        gone = np.minimum(k * step, 1.0)
-        outwards = skin.outwards(place)
-        comb = combed(style, place, outwards, side, fringe) * np.exp(-gone / COMBED_M)
-        weight = style.gravity * np.clip(gone / HANGS_AFTER_M, 0, 1.5)
-        bent = (0.4 + 1.6 * style.stiffness) * heading + 0.5 * (1 - style.lift) * comb + weight * DOWN
-        aside = long * _before_face(place)[:, None] * side[:, None] * ASIDE
-        heading = unit(bent + aside + _draped(place, before)[:, None] * DEEP)
+def grow_several(
+    heads: Sequence[tuple[Style, Roots, np.random.Generator]], skin: Scalp, wish: Combing | None = None
+) -> list[Float32]:
+    """As :func:`grow_guides`, several styles at once on one head, each with its own roots and random numbers."""
+    made, hanging, places = [], [], []
+    for style, roots, rng in heads:
+        length = lengths(style, roots, rng)
+        free = np.ones(len(roots), bool)
+        guides = np.zeros((len(roots), GUIDE_POINTS, 3), np.float32)
+        if style.gather != "none":
+            free = ~_tied(style, roots)
+            if style.gather not in LOOSE:
+                length = np.where(free, np.minimum(length, rng.uniform(*WISP_LENGTHS_M, len(roots))), length)
+            if (~free).any():
+                guides[~free] = _gathered(style, roots.chosen(~free), length[~free], skin, rng)
+        if free.any():
+            hanging.append(_Hanging.of(style, roots.chosen(free), length[free], rng))
+            places.append((style, guides, free, rng))
+        made.append(guides)
+    if hanging:
+        names = _Hanging.__dataclass_fields__
+        combs = Combs(*(np.concatenate([getattr(one.combs, n) for one in hanging]) for n in Combs.__dataclass_fields__))
+        both = (np.concatenate([getattr(one, name) for one in hanging]) for name in names if name != "combs")
+        grown_all = _Hanging(combs, *both).grown(skin, wish)
+        ends = np.cumsum([len(one.place) for one in hanging])
+        for (style, guides, free, rng), own in zip(places, np.split(grown_all, ends[:-1]), strict=True):
+            guides[free] = own if style.cut_y is None else _cut(style, own, rng)
+    return made
+
+
+@dataclass(frozen=True)
+class _Hanging:
+    """Strands that hang, of any number of styles, as they leave the skin; all but ``combs`` (N, ...) float32."""
+
+    combs: Combs
+    place: Float32
+    normal: Float32
+    step: Float32
+    rising: Float32
+    astray: Float32
+    stiff: Float32
+    flat: Float32
+    gravity: Float32
+    layer: Float32
+    before: Bool
+
+    @classmethod
+    def of(cls, style: Style, roots: Roots, length: Float32, rng: np.random.Generator) -> _Hanging:
+        """Of one style."""
+        count = len(roots)
+        step = np.asarray(length / (GUIDE_POINTS - 1), np.float32)[:, None]
+        # Hair from higher up lies over hair from below, so the body of hair gets its thickness.
+        layer = 0.25 + 0.75 * _step(-0.6, 1.2, roots.elevation)
+        layer = (layer * rng.uniform(0.5, 1.0, count)).astype(np.float32)
+        parted = 0.15 * np.exp(-np.square(_from_parting(style, roots) / 0.012)) if style.parting != "none" else 0.0
+        # Long strands have long steps: the first of them must not carry them farther from the skin than short ones'.
+        rising = np.clip(style.lift + parted, 0, 1) * np.clip(RISES_M / np.maximum(step[:, 0], 1e-6), 0.3, 1)
+        before = _forward(roots) & (rng.random(count) >= style.tucked)
+        astray = rng.normal(0, 0.7, (count, 3)).astype(np.float32) * np.exp(
+            -np.square(np.linalg.norm(roots.position - CROWN, axis=1, keepdims=True) / 0.035)
+        )
+        astray -= roots.normal * (astray * roots.normal).sum(1, keepdims=True)  # it whirls, it does not stand up
+
+        def each(value: float) -> Float32:
+            return np.full((count, 1), value, np.float32)
+
+        return cls(
+            Combs.of(style, roots), roots.position, roots.normal, step, rising[:, None].astype(np.float32),
+            astray.astype(np.float32),
+            each(0.4 + 1.6 * style.stiffness), each(1 - style.lift), each(style.gravity),
+            layer * np.float32(style.volume_mm / 1000), before,
+        )  # fmt: skip
+
+    def grown(self, skin: Scalp, wish: Combing | None) -> Float32:
+        """(N, 32, 3) their points, before they are cut."""
+        combs, place, step, side = self.combs, self.place, self.step, self.combs.side
+        comb = combs.at(place, self.normal)
         if wish is not None:
-            own, sure = wish(place, outwards)
-            heading = unit(heading + 1.5 * sure[:, None] * own)
-        rise = np.minimum(gone[:, 0] * 0.6, style.volume_mm / 1000 * layer) + CLEARANCE_M
-        tried = skin.pushed((place + step * heading).astype(np.float32), rise.astype(np.float32))
-        loose = np.maximum(skin.outside(tried) - 1.5 * layer * style.volume_mm / 1000 - CLEARANCE_M, 0)
-        lies = long * (1 - style.lift) * np.exp(-gone / COMBED_M) * _step(0.0, 0.04, tried[:, 1])[:, None]
-        tried = np.asarray(tried - outwards * loose[:, None] * lies, np.float32)
-        tried = _beside_face(tried, side, long[:, 0] * ~fringe)
-        heading = unit(tried - place)
-        place = np.asarray(place + step * heading, np.float32)
-        points.append(place)
-    guides = np.stack(points, 1)
-    return _cut(style, guides, rng) if style.cut_y is not None else guides
+            own, sure = wish(place, self.normal)
+            comb = unit(comb * (1 - sure[:, None]) + own * sure[:, None])
+        heading = unit(unit(self.rising * self.normal + (1.02 - self.rising) * comb) + self.astray)
+        long = _step(0.09, 0.14, step * (GUIDE_POINTS - 1))
+        points = [place]
+        for k in range(1, GUIDE_POINTS):
+            gone = np.minimum(k * step, 1.0)
+            outwards = skin.outwards(place)
+            fades = np.exp(-gone / COMBED_M)
+            weight = self.gravity * np.clip(gone / HANGS_AFTER_M, 0, 1.5)
+            bent = self.stiff * heading + 0.5 * self.flat * fades * combs.at(place, outwards) + weight * DOWN
+            aside = long * (_before_face(place) * side)[:, None] * ASIDE
+            heading = unit(bent + aside + _draped(place, self.before)[:, None] * DEEP)
+            if wish is not None:
+                own, sure = wish(place, outwards)
+                heading = unit(heading + 1.5 * sure[:, None] * own)
+            rise = np.minimum(gone[:, 0] * 0.6, self.layer) + CLEARANCE_M
+            tried = skin.pushed((place + step * heading).astype(np.float32), rise.astype(np.float32))
+            loose = np.maximum(skin.outside(tried) - 1.5 * self.layer - CLEARANCE_M, 0)
+            lies = long * self.flat * fades * _step(0.0, 0.04, tried[:, 1])[:, None]
+            tried = np.asarray(tried - outwards * loose[:, None] * lies, np.float32)
+            tried = _beside_face(tried, side, long[:, 0] * ~combs.fringe)
+            heading = unit(tried - place)
+            place = np.asarray(place + step * heading, np.float32)
+            points.append(place)
+        return np.stack(points, 1)
 
 
 def _draped(points: Float32, before: Bool) -> Float32:
