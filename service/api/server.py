@@ -225,9 +225,9 @@ def serve(settings: Settings, *, with_worker: bool = True) -> None:
     Raises:
         UsageError: another server has the data folder, or others could use this one without a key.
     """
+    check_exposed(settings.host, settings.keys, anybody=settings.anybody)
     logs.set_up()
     give_back_memory()
-    check_exposed(settings.host, settings.keys, anybody=settings.anybody)
     keep_private(settings.data)
     if settings.first_key and (told := make_first_key(Path(settings.keys))):
         log.warning("there were no keys: one was made and is in %s; delete that file when you have it", told)

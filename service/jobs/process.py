@@ -21,10 +21,12 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from service.errors import AvatarError, Crashed, OutOfMemory, OutOfTime, as_facts
-from service.jobs.settings import Settings
+
+if TYPE_CHECKING:  # the process itself is told what it needs, and does without pydantic
+    from service.jobs.settings import Settings
 
 log = logging.getLogger(__name__)
 

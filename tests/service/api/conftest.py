@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +14,9 @@ from starlette.testclient import TestClient
 
 from service.api.app import create_app
 from service.api.context import Context
+from service.jobs.artifacts import artifact_name
+from service.jobs.database import JOBS
+from service.jobs.runner import Runner
 from service.jobs.settings import Settings
 from tests.service.databases import lay_out
 from tests.service.photo.badimages import picture, save
@@ -48,6 +53,32 @@ class Api:
             files["options"] = (None, text, "application/json")
         sent = {key.replace("_", "-"): value for key, value in headers.items()}
         return self.client.post("/v1/avatars", files=files, headers=sent)
+
+    def finished(self, archive: bytes) -> str:
+        """A job that has succeeded, with this archive."""
+        job: str = self.post().json()["id"]
+        digest = hashlib.sha256(archive).hexdigest()
+        name, copy = artifact_name(job, "archive", digest, "zip"), self.context.settings.data / "archive.zip"
+        copy.write_bytes(archive)
+        self.context.artifacts.put(copy, name)
+        self.context.store.begin(f"{job}.1")
+        facts = {"archive": name, "sha256": digest, "bytes": len(archive), "warnings": [], "timings": {}}
+        assert self.context.store.succeed(job, facts | {"peak_rss_mb": 1.0}, 1e10)
+        return job
+
+    def ask(self, place: str, content: Any, **headers: str) -> httpx2.Response:
+        """Ask for something of a finished avatar; ``content`` is JSON values, or what is sent as they are."""
+        text = content if isinstance(content, str | bytes) else json.dumps(content)
+        return self.client.post(place, content=text, headers={"Content-Type": "application/json", **headers})
+
+    def work(self, kind: str, **settings: Any) -> None:
+        """What a worker does with all jobs of a kind that wait, here."""
+        chosen = dataclasses.replace(self.context.settings, **settings)
+        runner = Runner(chosen, self.context.store, self.context.artifacts)
+        for row in self.context.store.where(JOBS.c.kind == kind, JOBS.c.state == "queued"):
+            assert runner.accept(row["workflow"])["kind"] == "wanted"
+            runner.publish(row["id"], runner.make(row["id"]))
+        runner.stop()
 
     def stored(self) -> list[Path]:
         """Files of uploads and jobs on the disk."""

@@ -6,7 +6,7 @@ import contextlib
 import json
 import socket
 import time
-from pathlib import Path
+from collections.abc import Iterator
 
 import httpx
 import pytest
@@ -55,9 +55,17 @@ def test_a_connection_that_says_nothing_is_closed(server: Server) -> None:
     assert time.monotonic() - begin < 4
 
 
-def test_one_address_may_have_so_many_connections(tmp_path: Path) -> None:
-    few = Server(tmp_path / "data", {"connections": 3, "header_seconds": 30.0}, with_worker=False)
-    few.start(ready=False)
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """Few connections, and readers that stand still are given up soon."""
+    settings = {"connections": 3, "header_seconds": 30.0, "stalled_seconds": 0.5}
+    made = Server(tmp_path_factory.mktemp("few") / "data", settings, with_worker=False)
+    made.start(ready=False)
+    yield made
+    made.kill()
+
+
+def test_one_address_may_have_so_many_connections(few: Server) -> None:
     lines = [socket.create_connection(("127.0.0.1", few.port), timeout=5) for _ in range(3)]
     try:
         time.sleep(0.3)
@@ -69,7 +77,6 @@ def test_one_address_may_have_so_many_connections(tmp_path: Path) -> None:
     finally:
         for line in lines:
             line.close()
-        few.kill()
 
 
 def test_a_second_request_on_the_line_has_a_deadline_too(server: Server) -> None:
@@ -187,24 +194,19 @@ def test_slow_clients_do_not_hold_up_others(server: Server) -> None:
             line.close()
 
 
-def test_a_reader_that_stands_still_is_given_up(tmp_path: Path) -> None:
+def test_a_reader_that_stands_still_is_given_up(few: Server) -> None:
     """A download that nobody reads would hold its connection, and what was written to it, for ever."""
-    server = Server(tmp_path / "data", {"stalled_seconds": 1.0}, with_worker=False)
-    server.start(ready=False)
-    try:
-        with socket.socket() as line:
-            line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            line.connect(("127.0.0.1", server.port))
-            line.settimeout(20)
-            for _ in range(200):  # answers that together are more than all buffers on the way
-                line.sendall(b"GET /openapi.json HTTP/1.1\r\n" + HOST + b"\r\n")
-            time.sleep(5)
-            received = 0
-            with contextlib.suppress(ConnectionResetError):
-                while block := line.recv(1 << 16):
-                    received += len(block)
-        whole = len(httpx.get(f"{server.url}/openapi.json").content)
-        assert 0 < received < 150 * whole, "the rest was never written"
-        assert httpx.get(f"{server.url}/livez").status_code == 200
-    finally:
-        server.kill()
+    with socket.socket() as line:
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        line.connect(("127.0.0.1", few.port))
+        line.settimeout(20)
+        for _ in range(200):  # answers that together are more than all buffers on the way
+            line.sendall(b"GET /openapi.json HTTP/1.1\r\n" + HOST + b"\r\n")
+        time.sleep(2.5)
+        received = 0
+        with contextlib.suppress(ConnectionResetError):
+            while block := line.recv(1 << 16):
+                received += len(block)
+    whole = len(httpx.get(f"{few.url}/openapi.json").content)
+    assert 0 < received < 150 * whole, "the rest was never written"
+    assert httpx.get(f"{few.url}/livez").status_code == 200

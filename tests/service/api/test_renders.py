@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import json
 import time
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
-import httpx2
 import pytest
 
 from service.api.renders_and_exports import MAX_BODY
-from service.archive.pack import archive_members
-from service.jobs.artifacts import artifact_name
+from service.archive.pack import write_archive
 from service.jobs.database import JOBS
-from service.jobs.runner import Runner
 from service.jobs.settings import Settings
-from service.places import sha256_of
 from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem, open_api
 from tests.service.archive.toys import toy_avatar
 from tests.support.server import Server, in_threads, post, small_photo, wait_for
 from tests.support.toy_picture import picture
+
+RENDERS = "/v1/renders"
 
 
 @pytest.fixture(scope="module")
@@ -35,59 +31,28 @@ def api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
         yield Api(client)
 
 
-@pytest.fixture(scope="module")
-def finished(api: Api, tmp_path_factory: pytest.TempPathFactory) -> str:
-    return with_result(api, tmp_path_factory.mktemp("archive"))
-
-
-def with_result(api: Api, folder: Path) -> str:
-    """A job whose archive is that of a toy head."""
-    job: str = api.post(options={"seed": 1}).json()["id"]
+def toy_archive() -> bytes:
     stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        for name, data in archive_members(toy_avatar()).items():
-            archive.writestr(name, data)
-    stream.seek(0)
-    digest = sha256_of(stream)
-    path = folder / "avatar.zip"
-    path.write_bytes(stream.getvalue())
-    name = artifact_name(job, "archive", digest, "zip")
-    api.context.artifacts.put(path, name)
-    api.context.store.begin(f"{job}.1")
-    facts = {
-        "archive": name, "sha256": digest, "bytes": len(stream.getvalue()), "warnings": [], "timings": {},
-        "peak_rss_mb": 1.0,
-    }  # fmt: skip
-    assert api.context.store.succeed(job, facts, 1e10)
-    return job
+    write_archive(toy_avatar(), stream)
+    return stream.getvalue()
 
 
-def ask(api: Api, content: Any = None, **headers: str) -> httpx2.Response:
-    text = content if isinstance(content, str | bytes) else json.dumps(content)
-    return api.client.post("/v1/renders", content=text, headers={"Content-Type": "application/json", **headers})
-
-
-def worked(api: Api, **settings: Any) -> None:
-    """What a worker does with all that waits, here."""
-    chosen = dataclasses.replace(api.context.settings, **{"render_program": TOY_PICTURE, **settings})
-    runner = Runner(chosen, api.context.store, api.context.artifacts)
-    for row in api.context.store.where(JOBS.c.kind == "render", JOBS.c.state == "queued"):
-        assert runner.accept(row["workflow"])["kind"] == "wanted"
-        runner.publish(row["id"], runner.make(row["id"]))
-    runner.stop()
+@pytest.fixture(scope="module")
+def finished(api: Api) -> str:
+    return api.finished(toy_archive())
 
 
 def test_a_picture_is_a_job_and_made_once(api: Api, finished: str) -> None:
     """Cached by content: whoever asks for the same again gets the same, and no worker hears of it."""
     content = {"avatar": finished, "size": [64, 64], "view": "front"}
-    first, again = ask(api, content, Prefer="respond-async"), ask(api, content, Prefer="respond-async")
+    first, again = api.ask(RENDERS, content, Prefer="respond-async"), api.ask(RENDERS, content, Prefer="respond-async")
     assert first.status_code == again.status_code == 202
     assert first.json()["id"] == again.json()["id"]
     place = first.headers["location"]
     assert api.client.get(place).json()["state"] == "queued"
     is_problem(api.client.get(f"{place}/picture.png"), 409, "not-ready")
-    worked(api)
-    answer = ask(api, dict(reversed(content.items())))
+    api.work("render", render_program=TOY_PICTURE)
+    answer = api.ask(RENDERS, dict(reversed(content.items())))
     assert (answer.status_code, answer.headers["content-location"]) == (200, place)
     assert json.loads(answer.headers["render-facts"])["exposure"] == 0.5
     job = api.client.get(place).json()
@@ -98,13 +63,13 @@ def test_a_picture_is_a_job_and_made_once(api: Api, finished: str) -> None:
     assert (
         api.client.get(job["links"]["picture"], headers={"If-None-Match": picture.headers["etag"]}).status_code == 304
     )
-    other = ask(api, {**content, "view": "back"}, Prefer="respond-async")
+    other = api.ask(RENDERS, {**content, "view": "back"}, Prefer="respond-async")
     assert other.json()["id"] != first.json()["id"]
     api.client.delete(other.headers["location"])
 
 
 def test_a_picture_is_no_avatar_and_no_avatar_a_picture(api: Api, finished: str) -> None:
-    job = ask(api, {"avatar": finished, "size": [65, 64]}, Prefer="respond-async").json()["id"]
+    job = api.ask(RENDERS, {"avatar": finished, "size": [65, 64]}, Prefer="respond-async").json()["id"]
     is_problem(api.client.get(f"/v1/avatars/{job}"), 404, "not-found")
     is_problem(api.client.get(f"/v1/renders/{finished}"), 404, "not-found")
     is_problem(api.client.delete(f"/v1/renders/{finished}"), 404, "not-found")
@@ -138,17 +103,18 @@ def test_erasing_an_avatar_erases_its_pictures(server: Server, client: httpx.Cli
 def test_a_picture_counts_in_the_quota(tmp_path: Path) -> None:
     with open_api(Settings(data=tmp_path / "data", program=TOY, reserve_mb=1, max_unfinished=2)) as client:
         api = Api(client)
-        job = with_result(api, tmp_path)
+        job = api.finished(toy_archive())
         for view in ("front", "left"):
-            assert ask(api, {"avatar": job, "view": view}, Prefer="respond-async").status_code == 202
-        is_problem(ask(api, {"avatar": job, "view": "right"}), 429, "quota")
+            assert api.ask(RENDERS, {"avatar": job, "view": view}, Prefer="respond-async").status_code == 202
+        is_problem(api.ask(RENDERS, {"avatar": job, "view": "right"}), 429, "quota")
         is_problem(api.post(), 429, "quota")
-        assert ask(api, {"avatar": job, "view": "front"}, Prefer="respond-async").status_code == 202, "there is one"
+        there = api.ask(RENDERS, {"avatar": job, "view": "front"}, Prefer="respond-async")
+        assert there.status_code == 202, "it was asked for before"
 
 
 def test_a_slow_picture_is_ended_at_its_deadline(api: Api, finished: str) -> None:
-    ask(api, {"avatar": finished, "view": "left"}, Prefer="respond-async")
-    worked(api, render_seconds=0.5)
+    api.ask(RENDERS, {"avatar": finished, "view": "left"}, Prefer="respond-async")
+    api.work("render", render_program=TOY_PICTURE, render_seconds=0.5)
     row = api.context.store.where(JOBS.c.kind == "render", JOBS.c.state == "failed")[-1]
     assert json.loads(row["error"])["code"] == "render-timeout"
 
@@ -156,8 +122,8 @@ def test_a_slow_picture_is_ended_at_its_deadline(api: Api, finished: str) -> Non
 def test_a_fault_of_the_renderer_is_a_problem(api: Api, finished: str) -> None:
     """Found by the child only: it knows where the head is."""
     content = {"avatar": finished, "scene": {"viewpoints": [[0, 0, 0.01]]}}
-    job = ask(api, content, Prefer="respond-async").json()["id"]
-    worked(api, render_program="service.jobs.render_process")
+    job = api.ask(RENDERS, content, Prefer="respond-async").json()["id"]
+    api.work("render", render_program="service.jobs.render_process")
     error = api.client.get(f"/v1/renders/{job}").json()["error"]
     assert (error["code"], error["status"]) == ("usage", 422)
     assert "viewpoint" in error["detail"]
@@ -190,11 +156,11 @@ def test_a_fault_of_the_renderer_is_a_problem(api: Api, finished: str) -> None:
     ],
 )
 def test_what_is_wrong_is_said(api: Api, content: Any, status: int, code: str, pointer: str | None) -> None:
-    body = is_problem(ask(api, content), status, code)
+    body = is_problem(api.ask(RENDERS, content), status, code)
     if pointer is not None:
         assert body.get("pointer", "") == pointer
 
 
 def test_other_kinds_of_body_and_large_ones_are_refused(api: Api) -> None:
-    is_problem(ask(api, "{}", **{"Content-Type": "text/plain"}), 415, "unsupported-media-type")
-    is_problem(ask(api, b" " * (MAX_BODY + 1)), 413, "too-large")
+    is_problem(api.ask(RENDERS, "{}", **{"Content-Type": "text/plain"}), 415, "unsupported-media-type")
+    is_problem(api.ask(RENDERS, b" " * (MAX_BODY + 1)), 413, "too-large")

@@ -23,7 +23,7 @@ from service.jobs.webhooks import resolved, target
 from tests.service.api.conftest import TOY_PICTURE, is_problem
 from tests.support.server import Server, small_photo, wait_for
 
-KEYS = {name: new_key(name) for name in ("ada", "bob")}
+KEYS = {name: new_key(name) for name in ("ada", "bob", "eve")}
 HALF = "\ud800"
 """The first half of a surrogate pair: JSON can write it, and nothing can encode it."""
 
@@ -45,12 +45,78 @@ def settings_of(keys: Path) -> dict[str, Any]:
     return {"keys": keys, "render_program": TOY_PICTURE, "export_program": TOY_PICTURE, "idle_seconds": 3.0, "jobs": 2}
 
 
+class Receiver:
+    """Takes messages as ``kind`` says: "good" at once, "silent" never, "dripping" with a header that has no end."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind, self.got = kind, list[bytes]()
+        self._socket = socket.create_server(("127.0.0.1", 0), backlog=64)
+        self.host = f"127.0.0.1:{self._socket.getsockname()[1]}"
+        self._open: list[socket.socket] = []
+        threading.Thread(target=self._take, daemon=True).start()
+
+    def _take(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                line = self._socket.accept()[0]
+                self._open.append(line)
+                threading.Thread(target=self._answer, args=(line,), daemon=True).start()
+
+    def _answer(self, line: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            if self.kind == "silent":
+                return
+            self.got.append(line.recv(1 << 16))
+            if self.kind == "good":
+                line.sendall(b"HTTP/1.1 204 No Content\r\nContent-Length: 0\r\n\r\n")
+                line.close()
+                return
+            line.sendall(b"HTTP/1.1 200 OK\r\nX-Slow: ")
+            while True:
+                line.sendall(b"x")
+                time.sleep(0.5)
+
+    def close(self) -> None:
+        for line in (self._socket, *self._open):
+            line.close()
+
+
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+def receivers() -> Iterator[dict[str, Receiver]]:
+    made = {kind: Receiver(kind) for kind in ("good", "silent", "dripping")}
+    yield made
+    for receiver in made.values():
+        receiver.close()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory, receivers: dict[str, Receiver]) -> Iterator[Server]:
+    """With webhooks to the receivers; started where others may read everything, on a folder that has files already."""
     folder = tmp_path_factory.mktemp("strangers")
     write_keys(folder / "keys.json", "ada", "bob")
-    running = Server(folder / "data", settings_of(folder / "keys.json"))
-    running.start()
+    (folder / "secret").write_text("whsec_" + base64.b64encode(b"s" * 24).decode())
+    hosts = ",".join(receiver.host for receiver in receivers.values())
+    webhooks = {"webhook_hosts": hosts, "webhook_secret": folder / "secret", "webhook_private": True}
+    (folder / "data").mkdir(mode=0o755)
+    (folder / "data" / "old.txt").write_text("old")
+    (folder / "data" / "jobs.sqlite").touch(0o644)
+    running = Server(folder / "data", settings_of(folder / "keys.json") | webhooks)
+    before = os.umask(0)
+    try:
+        running.start()
+    finally:
+        os.umask(before)
+    yield running
+    running.stop()
+
+
+@pytest.fixture(scope="module")
+def idle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """Without a worker, so jobs wait, and streams of events stay open; the last test that uses it ends it."""
+    folder = tmp_path_factory.mktemp("idle")
+    write_keys(folder / "keys.json", "ada", "bob", "eve", eve={"per_day": 3})
+    running = Server(folder / "data", settings_of(folder / "keys.json") | {"notice_seconds": 1.5}, with_worker=False)
+    running.start(ready=False)
     yield running
     running.stop()
 
@@ -153,121 +219,50 @@ def test_slow_uploads_of_one_tenant_leave_places_to_the_others(server: Server, b
 # 3. Webhooks.
 
 
-class Receiver:
-    """Takes messages as ``kind`` says: "good" at once, "silent" never, "dripping" with a header that has no end."""
-
-    def __init__(self, kind: str) -> None:
-        self.kind, self.got = kind, list[bytes]()
-        self._socket = socket.create_server(("127.0.0.1", 0), backlog=64)
-        self.host = f"127.0.0.1:{self._socket.getsockname()[1]}"
-        self._open: list[socket.socket] = []
-        threading.Thread(target=self._take, daemon=True).start()
-
-    def _take(self) -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                line = self._socket.accept()[0]
-                self._open.append(line)
-                threading.Thread(target=self._answer, args=(line,), daemon=True).start()
-
-    def _answer(self, line: socket.socket) -> None:
-        with contextlib.suppress(OSError):
-            if self.kind == "silent":
-                return
-            self.got.append(line.recv(1 << 16))
-            if self.kind == "good":
-                line.sendall(b"HTTP/1.1 204 No Content\r\nContent-Length: 0\r\n\r\n")
-                line.close()
-                return
-            line.sendall(b"HTTP/1.1 200 OK\r\nX-Slow: ")
-            while True:
-                line.sendall(b"x")
-                time.sleep(0.5)
-
-    def close(self) -> None:
-        for line in (self._socket, *self._open):
-            line.close()
-
-
-def test_one_bad_receiver_stops_nobody_elses_messages(tmp_path: Path) -> None:
-    receivers = {kind: Receiver(kind) for kind in ("good", "silent", "dripping")}
-    write_keys(tmp_path / "keys.json", "ada", "bob")
-    (tmp_path / "secret").write_text("whsec_" + base64.b64encode(b"s" * 24).decode())
-    hosts = ",".join(receiver.host for receiver in receivers.values())
-    webhooks = {"webhook_hosts": hosts, "webhook_secret": tmp_path / "secret", "webhook_private": True}
-    server = Server(tmp_path / "data", {**settings_of(tmp_path / "keys.json"), **webhooks})
-    server.start()
-    try:
-        with as_tenant(server, "ada") as ada, as_tenant(server, "bob") as bob:
-            for number in range(16):
-                kind = ("silent", "dripping")[number % 2]
-                assert send(ada, webhook_url=f"http://{receivers[kind].host}/x").status_code == 202
-            deadline = time.monotonic() + 60
-            while ada.get("/v1/avatars?state=succeeded").json()["items"][15:] == [] and time.monotonic() < deadline:
-                time.sleep(0.1)
-            job = send(bob, webhook_url=f"http://{receivers['good'].host}/x").json()["id"]
-            wait_for(bob, job)
-            begin = time.monotonic()
-            while not receivers["good"].got and time.monotonic() - begin < 60:
-                time.sleep(0.05)
-            assert receivers["good"].got and time.monotonic() - begin < 5
-    finally:
-        server.stop()
-        for receiver in receivers.values():
-            receiver.close()
+def test_one_bad_receiver_stops_nobody_elses_messages(
+    receivers: dict[str, Receiver], ada: httpx.Client, bob: httpx.Client
+) -> None:
+    for number in range(16):
+        kind = ("silent", "dripping")[number % 2]
+        assert send(ada, webhook_url=f"http://{receivers[kind].host}/x").status_code == 202
+    deadline, good = time.monotonic() + 60, receivers["good"]
+    while ada.get("/v1/avatars?state=succeeded").json()["items"][15:] == [] and time.monotonic() < deadline:
+        time.sleep(0.1)
+    before = len(good.got)
+    wait_for(bob, send(bob, webhook_url=f"http://{good.host}/x").json()["id"])
+    begin = time.monotonic()
+    while len(good.got) == before and time.monotonic() - begin < 60:
+        time.sleep(0.05)
+    assert len(good.got) > before and time.monotonic() - begin < 5
 
 
 # 4. Decoding.
 
 
-def test_photos_that_are_refused_count_in_the_quota_of_a_day(tmp_path: Path) -> None:
-    write_keys(tmp_path / "keys.json", "ada", "bob", ada={"per_day": 3})
-    server = Server(tmp_path / "data", settings_of(tmp_path / "keys.json"), with_worker=False)
-    server.start(ready=False)
-    try:
-        damaged = small_photo(1)[:-200]
-        with as_tenant(server, "ada") as ada, as_tenant(server, "bob") as bob:
-            for _ in range(2):
-                is_problem(send(ada, damaged), 422, "corrupt-image")
-            assert send(ada).status_code == 202
-            is_problem(send(ada, damaged), 429, "quota")
-            is_problem(send(bob, damaged), 422, "corrupt-image")
-            assert send(bob).status_code == 202
-    finally:
-        server.stop()
+def test_photos_that_are_refused_count_in_the_quota_of_a_day(idle: Server) -> None:
+    damaged = small_photo(1)[:-200]
+    with as_tenant(idle, "eve") as eve, as_tenant(idle, "bob") as bob:
+        for _ in range(2):
+            is_problem(send(eve, damaged), 422, "corrupt-image")
+        assert send(eve).status_code == 202
+        is_problem(send(eve, damaged), 429, "quota")
+        is_problem(send(bob, damaged), 422, "corrupt-image")
+        assert send(bob).status_code == 202
 
 
-# 5. Names of tenants.
+# 5. Files of the data folder.
 
 
-# 6. Files of the data folder.
-
-
-def test_what_the_server_writes_is_its_own(tmp_path: Path) -> None:
+def test_what_the_server_writes_is_its_own(server: Server, ada: httpx.Client) -> None:
     """Whatever the umask is, and whatever was there."""
-    data = tmp_path / "data"
-    data.mkdir(mode=0o755)
-    (data / "first-key.txt").write_text("old")
-    (data / "jobs.sqlite").touch(0o644)
-    before = os.umask(0)
-    try:
-        server = Server(data, {"keys": data / "keys.json", "first_key": True})
-        server.start()
-    finally:
-        os.umask(before)
-    try:
-        key = (data / "first-key.txt").read_text().strip()
-        with httpx.Client(base_url=server.url, headers={"X-API-Key": key}, timeout=30) as client:
-            job = send(client, keep_photo="true").json()["id"]
-            assert wait_for(client, job)["state"] == "succeeded"
-            modes = {path: stat.S_IMODE(path.lstat().st_mode) for path in (data, *data.rglob("*"))}
-        assert {path.name for path in modes} >= {"jobs.sqlite", "jobs.sqlite-wal", "first-key.txt", "artifacts"}
-        assert not {str(path): oct(mode) for path, mode in modes.items() if mode & 0o077}
-    finally:
-        server.stop()
+    job = send(ada, keep_photo="true").json()["id"]
+    assert wait_for(ada, job)["state"] == "succeeded"
+    modes = {path: stat.S_IMODE(path.lstat().st_mode) for path in (server.data, *server.data.rglob("*"))}
+    assert {path.name for path in modes} >= {"jobs.sqlite", "jobs.sqlite-wal", "old.txt", "artifacts"}
+    assert not {str(path): oct(mode) for path, mode in modes.items() if mode & 0o077}
 
 
-# 7. What is taken at the door.
+# 6. What is taken at the door.
 
 
 def test_a_key_belongs_to_one_request_with_all_of_its_parts(ada: httpx.Client, bob: httpx.Client) -> None:
@@ -299,35 +294,28 @@ def test_pictures_are_checked_before_there_is_a_job(ada: httpx.Client, wanted: s
     assert not any(word in problem["detail"] for word in ("True", "None", ",)", "__init__", "Traceback")), problem
 
 
-def test_a_stream_of_events_ends_with_its_key(tmp_path: Path) -> None:
-    keys = tmp_path / "keys.json"
-    write_keys(keys, "ada", "bob")
-    server = Server(tmp_path / "data", settings_of(keys), with_worker=False)  # so jobs wait, and streams stay open
-    server.start(ready=False)
+def test_a_stream_of_events_ends_with_its_key(idle: Server) -> None:
     begun, ended = dict[str, float](), dict[str, float]()
 
     def follow(name: str) -> None:
-        with as_tenant(server, name) as client, contextlib.suppress(httpx.HTTPError):
+        with as_tenant(idle, name) as client, contextlib.suppress(httpx.HTTPError):
             job = send(client).json()["id"]
             with client.stream("GET", f"/v1/avatars/{job}/events") as stream:
                 for _ in stream.iter_lines():
                     begun.setdefault(name, time.monotonic())
         ended[name] = time.monotonic()
 
-    try:
-        for name in KEYS:
-            threading.Thread(target=follow, args=(name,), daemon=True).start()
-        while len(begun) < 2:
-            time.sleep(0.05)
-        assert not ended
-        begin = time.monotonic()
-        write_keys(keys, "bob")
-        while "ada" not in ended and time.monotonic() - begin < 10:
-            time.sleep(0.05)
-        assert ended["ada"] - begin < 5
-        assert "bob" not in ended
-    finally:
-        server.stop()
+    for name in ("ada", "bob"):
+        threading.Thread(target=follow, args=(name,), daemon=True).start()
+    while len(begun) < 2:
+        time.sleep(0.05)
+    assert not ended
+    begin = time.monotonic()
+    write_keys(idle.data.with_name("keys.json"), "bob")
+    while "ada" not in ended and time.monotonic() - begin < 10:
+        time.sleep(0.05)
+    assert ended["ada"] - begin < 5
+    assert "bob" not in ended
 
 
 def test_what_was_downloaded_is_asked_for_again(ada: httpx.Client, bob: httpx.Client) -> None:
@@ -340,7 +328,7 @@ def test_what_was_downloaded_is_asked_for_again(ada: httpx.Client, bob: httpx.Cl
         is_problem(bob.get(f"/v1/avatars/{job}/{path}"), 404, "not-found")
 
 
-# 8. Addresses of webhooks.
+# 7. Addresses of webhooks.
 
 
 @pytest.mark.parametrize(
@@ -360,36 +348,26 @@ def test_a_listed_name_that_leads_inside_is_not_told(monkeypatch: pytest.MonkeyP
 # Erasing.
 
 
-def test_of_what_was_erased_no_byte_is_left(tmp_path: Path) -> None:
+def test_of_what_was_erased_no_byte_is_left(
+    server: Server, receivers: dict[str, Receiver], ada: httpx.Client, bob: httpx.Client
+) -> None:
     """In files, database, its log of writes, and the log of the server."""
-    receiver = Receiver("good")
-    write_keys(tmp_path / "keys.json", "ada", "bob")
-    (tmp_path / "secret").write_text("whsec_" + base64.b64encode(b"s" * 24).decode())
-    webhooks = {"webhook_hosts": receiver.host, "webhook_secret": tmp_path / "secret", "webhook_private": True}
-    server = Server(tmp_path / "data", {**settings_of(tmp_path / "keys.json"), **webhooks})
-    server.start()
-    photos = {name: small_photo(next(_SEEDS)) for name in KEYS}
-    jobs = {}
-    try:
-        for name in KEYS:
-            with as_tenant(server, name) as client:
-                parts = {"metadata": json.dumps({"who": f"{name}-metadata"}), "keep_photo": "true"}
-                parts["webhook_url"] = f"http://{receiver.host}/{name}-webhook"
-                jobs[name] = send(client, photos[name], {"Idempotency-Key": f"{name}-repeats"}, **parts).json()["id"]
-                assert wait_for(client, jobs[name])["state"] == "succeeded"
-                assert client.post("/v1/renders", json={"avatar": jobs[name], "view": "front"}).status_code == 200
-        deadline = time.monotonic() + 20
-        while len(receiver.got) < 2 and time.monotonic() < deadline:
-            time.sleep(0.05)
-        with as_tenant(server, "ada") as client:
-            assert client.delete(f"/v1/avatars/{jobs['ada']}").status_code == 204
-        deadline = time.monotonic() + 20  # until the worker has swept, and folded the log of writes
-        while where(written(server), photos["ada"], "ada") and time.monotonic() < deadline:
-            time.sleep(0.3)
-    finally:
-        server.stop()
-        receiver.close()
-    found = {name: where(written(server), photos[name], name) for name in KEYS}
+    photos, clients, good = {name: small_photo(next(_SEEDS)) for name in ("ada", "bob")}, [ada, bob], receivers["good"]
+    jobs, told = {}, len(good.got)
+    for (name, photo), client in zip(photos.items(), clients, strict=True):
+        parts = {"metadata": json.dumps({"who": f"{name}-metadata"}), "keep_photo": "true"}
+        parts["webhook_url"] = f"http://{good.host}/{name}-webhook"
+        jobs[name] = send(client, photo, {"Idempotency-Key": f"{name}-repeats"}, **parts).json()["id"]
+        assert wait_for(client, jobs[name])["state"] == "succeeded"
+        assert client.post("/v1/renders", json={"avatar": jobs[name], "view": "front"}).status_code == 200
+    deadline = time.monotonic() + 20
+    while len(good.got) < told + 2 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert ada.delete(f"/v1/avatars/{jobs['ada']}").status_code == 204
+    deadline = time.monotonic() + 20  # until the worker has swept, and folded the log of writes
+    while where(written(server), photos["ada"], "ada") and time.monotonic() < deadline:
+        time.sleep(0.3)
+    found = {name: where(written(server), photo, name) for name, photo in photos.items()}
     assert len(found["bob"]) >= 4, "what is searched for can be found"
     assert found["ada"] == {}
 
@@ -430,13 +408,11 @@ def test_a_body_in_another_coding_is_refused(ada: httpx.Client) -> None:
     assert answer.headers["accept-encoding"] == "identity"
 
 
-def test_readiness_ends_before_the_server_does(tmp_path: Path) -> None:
-    server = Server(tmp_path / "data", {"notice_seconds": 2.0}, with_worker=False)
-    server.start(ready=False)
-    assert server.process is not None
-    assert httpx.get(f"{server.url}/readyz").status_code == 200
-    server.process.terminate()
-    time.sleep(0.5)
-    is_problem(httpx.get(f"{server.url}/readyz"), 503, "starting")
-    assert httpx.get(f"{server.url}/livez").status_code == 200
-    assert server.process.wait(30) == 0
+def test_readiness_ends_before_the_server_does(idle: Server) -> None:
+    assert idle.process is not None
+    assert httpx.get(f"{idle.url}/readyz").status_code == 200
+    idle.process.terminate()
+    time.sleep(0.4)
+    is_problem(httpx.get(f"{idle.url}/readyz"), 503, "starting")
+    assert httpx.get(f"{idle.url}/livez").status_code == 200
+    assert idle.process.wait(30) == 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,14 +13,7 @@ import pytest
 from service.batch.makers import Order, RemoteMaker, Stopped
 from service.client.errors import AccessDenied, ServerUnreachable
 from tests.service.batch.conftest import Folders
-from tests.service.client.fake import Fake, answer, hang_up, problem, serving
-from tests.support.archives import archive
-
-
-@pytest.fixture
-def fake() -> Iterator[Fake]:
-    with serving(Fake(archive=archive())) as running:
-        yield running
+from tests.service.client.fake import Fake, answer, hang_up, problem
 
 
 @pytest.fixture(autouse=True)

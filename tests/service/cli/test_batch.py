@@ -1,21 +1,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from service.batch.display import display
 from service.cli.app import app
-from tests.service.client.fake import Fake, answer, problem, serving
-from tests.support.archives import archive
-
-
-@pytest.fixture
-def fake() -> Iterator[Fake]:
-    with serving(Fake(archive=archive())) as running:
-        yield running
+from tests.service.client.fake import Fake, answer, problem
 
 
 @pytest.fixture

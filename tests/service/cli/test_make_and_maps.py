@@ -20,7 +20,7 @@ from service import diagnosis, errors
 from service.cli.app import app
 from service.cli.files import progress_bar
 from service.cli.make_and_maps import destination
-from service.errors import AvatarError, TooManyBytes, UnreadableInput, UsageError
+from service.errors import TooManyBytes, UnreadableInput, UsageError
 from service.manifest import LeftOut
 from service.options import Options
 from service.photo.limits import Limits, read_file
@@ -124,19 +124,6 @@ def test_usage_errors_end_with_two_and_say_nothing_on_stdout(run: Run, words: st
     status, out, err = run(*words.split())
     assert (status, out) == (2, "")
     assert err
-
-
-@pytest.mark.parametrize("kind", [errors.NoFace, errors.CorruptImage, errors.NumericFault, errors.UsageError])
-def test_a_fault_of_a_stage_sets_the_status_and_leaves_no_archive(
-    run: Run, photo: Path, monkeypatch: pytest.MonkeyPatch, kind: type[AvatarError]
-) -> None:
-    def make_avatar(*_: object) -> None:
-        raise kind("what was wrong")
-
-    replace(monkeypatch, make_avatar, lambda avatar, target: target.write_bytes(b""))
-    status, out, err = run("make", str(photo))
-    assert (status, out, err) == (kind.exit_status, "", "avatarme: what was wrong\n")
-    assert not photo.with_suffix(".zip").exists()
 
 
 def terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:

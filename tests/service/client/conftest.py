@@ -7,14 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from service.client.client import Client
-from tests.service.client.fake import Fake, serving
-from tests.support.archives import archive
-
-
-@pytest.fixture
-def fake() -> Iterator[Fake]:
-    with serving(Fake(archive=archive())) as running:
-        yield running
+from tests.service.client.fake import Fake
 
 
 @pytest.fixture

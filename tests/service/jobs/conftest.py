@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from dbos import WorkflowStatus
 
+from service.jobs import runner
 from service.jobs.admission import Bounds, NewJob
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import connect, create_tables
@@ -62,6 +63,17 @@ class Bench:
         self.store.add(new, bounds)
         return job
 
+    def row(self, job: str) -> Any:
+        """What the database knows of a job, which has to be there."""
+        found = self.store.get(job)
+        assert found is not None
+        return found
+
+    def close(self) -> None:
+        self.runner.stop()
+        self.queue.client.destroy()
+        self.engine.dispose()
+
     def run(self, job: str) -> str:
         """All steps of a job, one after the other, here."""
         accepted = self.runner.accept(f"{job}.1")
@@ -71,9 +83,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    monkeypatch.setattr(runner, "AFTERMATH", 0.05)  # the end of everything does not come
     made = Bench(tmp_path / "data")
     yield made
-    made.runner.stop()
-    made.queue.client.destroy()
-    made.engine.dispose()
+    made.close()

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from service.places import S3 as S3_CLIENT
 from tests.support.server import free_port
 
 REASON = "moto[s3], flask, flask-cors or s3fs is not installed: pip install -e '.[dev]'"
@@ -42,6 +43,7 @@ def serve() -> Iterator[S3]:
     server = S3()
     server.start()
     with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(S3_CLIENT["config_kwargs"], "retries", {"max_attempts": 0})  # a server that is stopped stays away
         for variable, value in server.environment.items():
             patch.setenv(variable, value)
         s3fs.S3FileSystem.clear_instance_cache()

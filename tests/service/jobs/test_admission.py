@@ -29,9 +29,7 @@ def any_bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]
         postgres.start()
     made = Bench(tmp_path / "data", database="" if postgres is None else postgres.url)
     yield made
-    made.runner.stop()
-    made.queue.client.destroy()
-    made.engine.dispose()
+    made.close()
     if postgres is not None:
         postgres.stop("immediate")
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import sqlalchemy as sa
 
-if TYPE_CHECKING:
-    from tests.service.jobs.conftest import Bench
+from tests.service.jobs.conftest import Bench
 
 
 class Order:
@@ -74,8 +73,7 @@ def test_a_job_whose_photo_is_gone_fails_with_an_answer(bench: Bench) -> None:
     job = bench.add()
     bench.artifacts.sweep(job, set())
     assert bench.run(job) == "published"
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     assert row["state"] == "failed"
     assert json.loads(row["error"])["status"] == 500
     assert bench.artifacts.names(job) == []
@@ -86,8 +84,7 @@ def test_everything_that_a_job_wrote_may_be_deleted_under_it(bench: Bench) -> No
     job = bench.add(seed=3)
     bench.runner.accept(f"{job}.1")
     outcome = bench.runner.make(job)
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     bench.artifacts.sweep(job, {row["photo"]})
     assert bench.runner.publish(job, outcome) == "lost"
     assert bench.runner.make(job) == outcome
@@ -109,7 +106,6 @@ def test_a_disk_that_fails_for_a_while_costs_a_job_nothing(
 
     monkeypatch.setattr(bench.artifacts, "put", failing)
     assert bench.run(job) == "published"
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     assert row["state"] == "succeeded"
     assert not failures

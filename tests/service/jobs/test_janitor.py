@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
 import pytest
 import sqlalchemy as sa
@@ -11,10 +10,7 @@ from service.jobs.database import JOBS, WORKERS, create_tables, now
 from service.jobs.erasure import STRAY, Strays
 from service.jobs.janitor import Janitor, LostJob
 from service.jobs.locks import DatabaseLock
-from tests.service.jobs.conftest import unfinished
-
-if TYPE_CHECKING:
-    from tests.service.jobs.conftest import Bench
+from tests.service.jobs.conftest import Bench, unfinished
 
 
 @pytest.fixture
@@ -46,8 +42,7 @@ def test_results_expire_and_their_address_says_so_for_a_while(bench: Bench, jani
     bench.store.set(job, expires_at=now() - 1)
     janitor.expire()
     janitor.tidy()
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     assert row["gone"] == "expired"
     assert bench.artifacts.names(job) == []
     assert bench.store.events(job, 0) == []
@@ -78,8 +73,7 @@ def test_a_job_whose_workflow_ended_without_an_answer_fails(bench: Bench, janito
     job = bench.add()
     pretend(bench, f"{job}.1", status=status)
     janitor.reconcile()
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     assert row["state"] == "failed"
     assert '"crashed"' in row["error"]
 
@@ -139,8 +133,7 @@ def test_a_database_of_an_older_version_gets_the_columns_that_it_lacks(bench: Be
     for _ in range(2):
         create_tables(bench.engine, bench.settings)
     bench.run(job)
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     assert (row["state"], row["losses"]) == ("succeeded", 0)
     with bench.engine.begin() as connection:  # as a version that does not know the column
         names = ", ".join(column.name for column in JOBS.columns if column.name not in ("losses", "id", "workflow"))

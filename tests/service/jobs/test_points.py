@@ -9,20 +9,16 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import httpx
 import pytest
 
 from service.jobs.process import descendants
-from tests.service.jobs.conftest import unfinished
+from tests.service.jobs.conftest import Bench, unfinished
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 from tests.support.moments import redone
 from tests.support.server import Server, post, small_photo, wait_for
 from tests.support.toy_job import LOG, archive
-
-if TYPE_CHECKING:
-    from tests.service.jobs.conftest import Bench
 
 pytestmark = pytest.mark.slow
 
@@ -71,12 +67,6 @@ class Worker:
         self.process.wait()
 
 
-def state_of(bench: Bench, job: str) -> str:
-    row = bench.store.get(job)
-    assert row is not None
-    return str(row["state"])
-
-
 def test_a_worker_may_die_at_every_point_of_a_job(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -88,11 +78,10 @@ def test_a_worker_may_die_at_every_point_of_a_job(
         assert Worker(bench, point).died(), point
     last = Worker(bench, "")
     try:
-        wait_until(lambda: state_of(bench, job) == "succeeded" and unfinished(bench.queue) == [])
+        wait_until(lambda: bench.row(job)["state"] == "succeeded" and unfinished(bench.queue) == [])
     finally:
         last.kill()
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     assert bench.artifacts.read(row["archive"]) == archive(row["photo_sha256"], 12)
     assert [name.split("/")[1].split("-")[0] for name in bench.artifacts.names(job)] == ["archive"]
     assert redone(log) == []

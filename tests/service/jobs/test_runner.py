@@ -9,7 +9,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -17,22 +17,13 @@ from service.jobs import runner as running
 from service.jobs.process import Task, descendants
 from service.jobs.runner import Report, task_of
 from service.jobs.settings import Settings
+from tests.service.jobs.conftest import Bench
 from tests.support.toy_job import archive
-
-if TYPE_CHECKING:
-
-    from tests.service.jobs.conftest import Bench
-
-
-def state(bench: Bench, job: str) -> Any:
-    row = bench.store.get(job)
-    assert row is not None
-    return row
 
 
 def problem(bench: Bench, job: str) -> Any:
-    assert state(bench, job)["state"] == "failed"
-    return json.loads(state(bench, job)["error"])
+    assert bench.row(job)["state"] == "failed"
+    return json.loads(bench.row(job)["error"])
 
 
 def files(bench: Bench, job: str) -> list[str]:
@@ -51,7 +42,7 @@ def within(seconds: float, check: Any) -> bool:
 def test_a_job_gives_an_archive_and_leaves_nothing_else(bench: Bench) -> None:
     job = bench.add(seed=5)
     assert bench.run(job) == "published"
-    row = state(bench, job)
+    row = bench.row(job)
     assert row["state"] == "succeeded"
     assert bench.artifacts.read(row["archive"]) == archive(row["photo_sha256"], 5)
     assert files(bench, job) == ["archive"], "photo and stages are erased at the end"
@@ -100,12 +91,12 @@ def test_a_job_rests_before_it_is_blamed_for_lost_workers(bench: Bench, monkeypa
     assert max(rests[: running.SUSPECTED]) < 0.05 + min(rests)
     for count, seconds in enumerate(rests[running.SUSPECTED :]):
         assert seconds >= 0.01 * 2**count
-    assert state(bench, job)["resting"] == 0
+    assert bench.row(job)["resting"] == 0
     monkeypatch.setattr(running, "REST", 60.0)
     bench.store.set(job, losses=running.LOSSES - 1)
     resting = threading.Thread(target=running.rest, args=(bench.store, job, bench.runner.stopping))
     resting.start()
-    assert within(10, lambda: state(bench, job)["resting"] == 1)
+    assert within(10, lambda: bench.row(job)["resting"] == 1)
     bench.store.cancel(job, 1e10)
     resting.join(5)
     assert not resting.is_alive()
@@ -116,8 +107,8 @@ def test_a_worker_that_is_lost_while_the_job_rests_clears_it(bench: Bench) -> No
     job = bench.add(seed=5)
     bench.store.set(job, losses=running.LOSSES - 1, resting=1)
     bench.run(job)
-    assert state(bench, job)["state"] == "succeeded"
-    assert (state(bench, job)["losses"], state(bench, job)["resting"]) == (0, 0)
+    assert bench.row(job)["state"] == "succeeded"
+    assert (bench.row(job)["losses"], bench.row(job)["resting"]) == (0, 0)
 
 
 def test_a_stage_that_gets_finished_makes_up_for_lost_workers(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,11 +118,11 @@ def test_a_stage_that_gets_finished_makes_up_for_lost_workers(bench: Bench, monk
     for _ in range(3 * running.LOSSES):
         bench.store.attempt(job)
         Report(bench.store, job)({"kept": "one"})
-    assert state(bench, job)["losses"] == 0
+    assert bench.row(job)["losses"] == 0
     bench.store.set(job, losses=running.LOSSES - 1)
     bench.run(job)
-    assert state(bench, job)["state"] == "succeeded"
-    assert state(bench, job)["losses"] == 0
+    assert bench.row(job)["state"] == "succeeded"
+    assert bench.row(job)["losses"] == 0
 
 
 def test_the_end_of_everything_is_no_crash_of_the_job(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,37 +130,37 @@ def test_the_end_of_everything_is_no_crash_of_the_job(bench: Bench, monkeypatch:
     monkeypatch.setattr(running, "AFTERMATH", 60.0)
     job = bench.add(seed=103)
     threading.Thread(target=bench.run, args=(job,), daemon=True).start()  # waits for the end of this process
-    assert within(60, lambda: bench.runner.active.get(job) and state(bench, job)["losses"] == 1)
+    assert within(60, lambda: bench.runner.active.get(job) and bench.row(job)["losses"] == 1)
     process = bench.runner.active[job]
     assert process is not None
     os.kill(process._process.pid, signal.SIGTERM)
     assert within(10, lambda: process._process.poll() is not None)
     time.sleep(0.5)
     bench.runner.stop()
-    assert within(10, lambda: state(bench, job)["losses"] == 0), "a worker that is told to end is not lost"
-    assert state(bench, job)["crashes"] == 0
-    assert state(bench, job)["state"] == "running", "it goes on after the next start"
+    assert within(10, lambda: bench.row(job)["losses"] == 0), "a worker that is told to end is not lost"
+    assert bench.row(job)["crashes"] == 0
+    assert bench.row(job)["state"] == "running", "it goes on after the next start"
 
 
 def test_memory_has_an_end(bench: Bench) -> None:
     job = bench.add(seed=102)
     bench.run(job)
     assert problem(bench, job)["code"] == "out-of-memory"
-    assert state(bench, job)["starved"] == running.OUT_OF_MEMORY, "it was not tried once more"
+    assert bench.row(job)["starved"] == running.OUT_OF_MEMORY, "it was not tried once more"
 
 
 def test_a_job_without_enough_memory_is_tried_once_more_with_less(bench: Bench) -> None:
     """It says so among its warnings; and a crash is no lack of memory."""
     job = bench.add(seed=108)
     bench.run(job)
-    row = state(bench, job)
+    row = bench.row(job)
     assert row["state"] == "succeeded"
     assert (row["starved"], row["crashes"]) == (1, 0)
     assert json.loads(row["warnings"]) == ["toy", "small-tiles"]
     assert bench.artifacts.read(row["archive"]) == archive(row["photo_sha256"], 108)
     crashed = bench.add(seed=106)
     bench.run(crashed)
-    assert json.loads(state(bench, crashed)["warnings"]) == ["toy"]
+    assert json.loads(bench.row(crashed)["warnings"]) == ["toy"]
 
 
 def test_time_has_an_end(bench: Bench) -> None:
@@ -183,7 +174,7 @@ def test_cancelling_ends_the_process_within_a_second(bench: Bench) -> None:
     job = bench.add(seed=103)
     work = threading.Thread(target=bench.run, args=(job,))
     work.start()
-    assert within(60, lambda: state(bench, job)["state"] == "running" and bench.runner.active.get(job))
+    assert within(60, lambda: bench.row(job)["state"] == "running" and bench.runner.active.get(job))
     process = bench.runner.active[job]
     assert process is not None
     assert bench.store.cancel(job, 1e10)
@@ -191,7 +182,7 @@ def test_cancelling_ends_the_process_within_a_second(bench: Bench) -> None:
     assert within(3, lambda: not process.alive())
     assert time.monotonic() - begin < 1.0
     work.join(5)
-    assert state(bench, job)["state"] == "cancelled"
+    assert bench.row(job)["state"] == "cancelled"
     assert within(20, lambda: files(bench, job) == [])
 
 
@@ -216,7 +207,7 @@ def test_a_job_waits_for_space_and_then_goes_on(bench: Bench, monkeypatch: pytes
     work = [threading.Thread(target=bench.run, args=(job,)) for job in jobs]
     for thread in work:
         thread.start()
-    assert within(60, lambda: all(state(bench, job)["state"] == "running" for job in jobs))
+    assert within(60, lambda: all(bench.row(job)["state"] == "running" for job in jobs))
     time.sleep(0.3)
     assert [bench.runner.active[job] for job in jobs] == [None, None]
     assert bench.store.cancel(jobs[1], 1e10)
@@ -224,7 +215,7 @@ def test_a_job_waits_for_space_and_then_goes_on(bench: Bench, monkeypatch: pytes
     assert not work[1].is_alive(), "a job that waits can be cancelled"
     free[0] = 1e6
     work[0].join(30)
-    assert [state(bench, job)["state"] for job in jobs] == ["succeeded", "cancelled"]
+    assert [bench.row(job)["state"] for job in jobs] == ["succeeded", "cancelled"]
     assert files(bench, jobs[1]) == []
 
 
@@ -276,9 +267,7 @@ def test_a_correction_is_made_from_the_stages_of_the_same_owner_s_photo(bench: B
     from service.jobs import avatar_process
 
     def task(tenant: str, keep: bool) -> Task:
-        row = bench.store.get(bench.add(tenant=tenant, keep_photo=keep))
-        assert row is not None
-        same_photo: Any = {**row, "photo_sha256": "0" * 64}
+        same_photo: Any = {**bench.row(bench.add(tenant=tenant, keep_photo=keep)), "photo_sha256": "0" * 64}
         return task_of(same_photo, None, bench.settings, Path(), Path())
 
     first = task("a", True)

@@ -38,9 +38,7 @@ def url(s3: S3, tmp_path: Path) -> str:
 def bench(url: str, tmp_path: Path) -> Iterator[Bench]:
     made = Bench(tmp_path / "data", url)
     yield made
-    made.runner.stop()
-    made.queue.client.destroy()
-    made.engine.dispose()
+    made.close()
 
 
 def put(artifacts: Artifacts, folder: Path, kind: str = "photo", content: bytes = b"0123456789") -> str:
@@ -86,8 +84,7 @@ def test_a_whole_job_from_the_photo_to_its_end(bench: Bench) -> None:
         assert api.stored() == [], "the photo is on the store, not here"
         runner = run(api, job)
         assert [name.split("/")[1].split("-")[0] for name in bench.artifacts.names(job)] == ["archive"]
-        row = bench.store.get(job)
-        assert row is not None
+        row = bench.row(job)
         expected = archive(row["photo_sha256"], 5)
         whole = client.get(f"{where}/archive.zip")
         assert (whole.status_code, whole.content) == (200, expected)
@@ -162,8 +159,7 @@ def test_a_store_that_fails_in_the_middle_of_a_job_costs_time_only(
     monkeypatch.setattr(bench.artifacts, "put", noted)
     assert bench.run(job) == "published"
     assert len(failures) == 1
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     assert row["state"] == "succeeded"
     assert bench.artifacts.read(row["archive"]) == archive(row["photo_sha256"], 8)
 
@@ -187,8 +183,7 @@ def test_a_store_that_stays_away_ends_the_worker_not_the_job(
             bench.run(job)
     finally:
         s3.start()
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     assert row["state"] == "running"
 
 

@@ -1,4 +1,4 @@
-"""Finished stages of a job: on the disk, in memory or mapped, and the form of their files."""
+"""Files of jobs: their names, and finished stages on the disk, in memory or mapped, and in which form."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from service.jobs.stage_files import Damaged, KeptStages, kept_types
 from service.photo.photo import Photo
 
 JOB = "a" * 32
+DIGEST = "0" * 64
 
 
 @pytest.fixture(params=["file", "memory"])
@@ -34,6 +35,16 @@ def artifacts(request: pytest.FixtureRequest, tmp_path: Path) -> Artifacts:
     made = Artifacts(root)
     made._fs.makedirs(f"{made._root}/{JOB}", exist_ok=True)
     return made
+
+
+@pytest.mark.parametrize(
+    "name", ["../x", f"{JOB}/../../etc/passwd", f"{JOB}/photo-{DIGEST}.zip/x", f"{JOB}/PHOTO-{DIGEST}.zip", "", "x\0y"]
+)
+def test_only_names_of_ours_are_names(artifacts: Artifacts, name: str) -> None:
+    """No input reaches names today; if some change let it, this still keeps it inside the folder."""
+    for use in (artifacts.read, artifacts.exists, artifacts.delete):
+        with pytest.raises(ValueError, match="not a name"):
+            use(name)
 
 
 @pytest.mark.parametrize("mapped", [False, True])

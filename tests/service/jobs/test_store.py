@@ -2,16 +2,12 @@ from __future__ import annotations
 
 import json
 import threading
-from typing import TYPE_CHECKING
 
 import pytest
 
 from service.jobs.admission import KeyInUse
 from service.jobs.erasure import checkpoint, depart
-from tests.service.jobs.conftest import unfinished
-
-if TYPE_CHECKING:
-    from tests.service.jobs.conftest import Bench
+from tests.service.jobs.conftest import Bench, unfinished
 
 RESULT = {"archive": "x", "sha256": "0" * 64, "bytes": 3, "warnings": [], "timings": {}, "peak_rss_mb": 1.0}
 
@@ -37,8 +33,7 @@ def test_progress_never_falls(bench: Bench) -> None:
     shares = []
     for stage, share in (("one", 0.1), ("two", 0.6), ("one", 0.1), ("two", 0.6), ("three", 0.7), ("three", 7.0)):
         assert bench.store.progress(job, stage, share)
-        row = bench.store.get(job)
-        assert row is not None
+        row = bench.row(job)
         assert row["stage"] == stage
         shares.append(row["progress"])
     assert shares == [0.1, 0.6, 0.6, 0.6, 0.7, 1.0]
@@ -66,8 +61,7 @@ def test_the_first_end_stays(bench: Bench) -> None:
     assert not bench.store.fail(job, {"code": "x"}, 1e10)
     assert not bench.store.begin(f"{job}.1")
     assert not bench.store.progress(job, "fit", 0.5)
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     assert row["state"] == "cancelled"
     assert row["archive"] is None
 

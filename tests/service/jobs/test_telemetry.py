@@ -64,8 +64,7 @@ def test_a_job_is_a_trace_below_that_of_its_request(bench: Bench) -> None:
     parent = "00-" + "ab" * 16 + "-" + "cd" * 8 + "-01"
     job = bench.add(1, trace=parent)
     bench.run(job)
-    row = bench.store.get(job)
-    assert row is not None
+    row = bench.row(job)
     telemetry.spans(provider.get_tracer("test"), row)
     spans = {span.name: span for span in kept.get_finished_spans()}
     assert set(spans) == {"job", "wait", "compute"}

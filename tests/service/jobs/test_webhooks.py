@@ -22,7 +22,7 @@ from service.jobs.erasure import checkpoint, let_go
 from service.jobs.queue import ATTEMPTS, PAUSES_S
 from service.jobs.settings import Settings
 from service.jobs.webhooks import Target, may_be_reached, target
-from tests.service.jobs.conftest import Bench, bench  # noqa: F401 - a fixture
+from tests.service.jobs.conftest import Bench
 
 NEVER = [
     "64:ff9b::a00:8", "64:ff9b::5db8:d80e", "2002:7f00:1::", "2002:5db8:d80e::1", "2001:0:1::1", "::10.0.0.8",
@@ -67,20 +67,20 @@ def receiver() -> Iterator[Receiver]:
 
 
 @pytest.fixture
-def settings(bench: Bench, receiver: Receiver, tmp_path: Path) -> Settings:  # noqa: F811
+def settings(bench: Bench, receiver: Receiver, tmp_path: Path) -> Settings:
     secret = tmp_path / "secret"
     secret.write_bytes(SECRET + b"\n")
     hosts = f"localhost:{receiver.server.server_port}"
     return replace(bench.settings, webhook_hosts=hosts, webhook_secret=str(secret), webhook_private=True)
 
 
-def attempts(bench: Bench, job: str) -> list[str]:  # noqa: F811
+def attempts(bench: Bench, job: str) -> list[str]:
     """States of the attempts to tell of a job that the queue knows of, in their order."""
     found = bench.queue.states([f"{job}.told.{number}" for number in range(1, ATTEMPTS + 2)])
     return [str(found[name].status) for name in sorted(found, key=lambda name: int(name.rpartition(".")[2]))]
 
 
-def test_the_end_of_a_job_is_told_signed(bench: Bench, settings: Settings, receiver: Receiver) -> None:  # noqa: F811
+def test_the_end_of_a_job_is_told_signed(bench: Bench, settings: Settings, receiver: Receiver) -> None:
     job = bench.add(1, webhook=receiver.url, metadata={"order": 7})
     assert attempts(bench, job) == []
     bench.run(job)
@@ -97,9 +97,7 @@ def test_the_end_of_a_job_is_told_signed(bench: Bench, settings: Settings, recei
 
 
 def test_what_does_not_arrive_is_sent_again_until_it_is_given_up(
-    bench: Bench,  # noqa: F811
-    settings: Settings,
-    receiver: Receiver,
+    bench: Bench, settings: Settings, receiver: Receiver
 ) -> None:
     """A redirection is no arrival, and is not followed."""
     receiver.answers = [302, *[500] * 100]
@@ -117,17 +115,14 @@ def test_what_does_not_arrive_is_sent_again_until_it_is_given_up(
 
 
 def test_of_a_job_that_was_cancelled_or_erased_nobody_is_told(
-    bench: Bench,  # noqa: F811
-    settings: Settings,
-    receiver: Receiver,
+    bench: Bench, settings: Settings, receiver: Receiver
 ) -> None:
     """Who posts and deletes again and again must not have others called."""
     cancelled, erased = (bench.add(webhook=receiver.url) for _ in range(2))
     bench.store.cancel(cancelled, now() + 100)
     assert attempts(bench, cancelled) == []
     bench.store.fail(erased, {"code": "no-face"}, now() + 100)
-    row = bench.store.get(erased)
-    assert row is not None
+    row = bench.row(erased)
     let_go(bench.store, row, "erased")
     assert attempts(bench, erased) == []
     for job in (cancelled, erased):
