@@ -3,8 +3,8 @@
 ::
 
     bytes --gate--> Photo --find--> Face --read--> Reading      for each photo
-    Readings --fit--> Fits of one head --bank, choose, grow--> WornHair
-    Fits, WornHair --unwrap, blend, complete--> Texture
+    Readings --fit--> Fits of one head --read, compare--> SeenHair --choose, grow--> WornHair
+    Fits, SeenHair --unwrap, blend, complete--> Texture
     Texture --networks--> Reflectance
         +---compare-----> Similarity
 
@@ -43,8 +43,9 @@ from service.face.profile import faces_by_reading
 from service.face.reading.reader import Readers
 from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all, with_frames
 from service.geometry.chart import Chart
+from service.hair.asked import NONE
 from service.hair.bank import read_bank
-from service.hair.find_hair import find_hair
+from service.hair.find_hair import grow_hair, see_hair
 from service.hair.reading import HairNetwork
 from service.hair.wear import hair_cards, hair_in_albedo
 from service.head.files import load_head
@@ -69,7 +70,7 @@ from service.runtime.tiles import DEFAULT_TILE, SMALL_MAP
 from service.stage_cache import Loaded, NoCache, StageCache
 from service.texture.inpainting import grain
 from service.texture.photo_detail import OwnDetail, own_texture_of
-from service.texture.texture import SEEDS, Texture, Unwrappings, make_texture
+from service.texture.texture import SEEDS, Texture, Unwrappings, left_by_roots, make_texture
 
 T = TypeVar("T")
 
@@ -137,7 +138,7 @@ def make_avatar(
     reads = options.fit != "landmarks" and installed(READERS)
     networks = FaceNetworks(reads) if loaded is None else loaded
     stage = _Timed(progress, BEFORE_NETWORKS if plan.stages else 1.0)
-    with ThreadPoolExecutor(3) as pool, ExitStack() as held:
+    with ThreadPoolExecutor(4) as pool, ExitStack() as held:
         # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
         form = options.fit_settings().beyond if len(files) == 1 and options.fit == "full" else 0
         head_and_chart = pool.submit(_head_and_chart, options.base_size, head_file, form)
@@ -164,12 +165,14 @@ def make_avatar(
             subject = pool.submit(Subject.fitted, head, fit) if plan.stages else None
             small = options.map_size[0] * options.map_size[1] <= SMALL_MAP
             flesh = pool.submit(flesh_mm, head, fit.vertices) if "thickness" in options.maps and small else None
-            wanted = options.asked_hair(), options.level.strands, options.seed
-            hair = kept("hair", find_hair, photo, head, fit, reading, *wanted, networks.hair() if reads else None)
-            brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
+            wish = options.asked_hair()
+            seen = see_hair(photo, head, fit, reading, wish, networks.hair() if reads else None)
+        wanted = seen, photo, fit, wish, options.level.strands, options.seed
+        hair = stage.beside("hair", pool, lambda: kept("hair", grow_hair, *wanted))
+        cards = pool.submit(lambda: hair_cards(hair.result(), seen.skin, options.quality, options.seed))
         with stage("texture"):
-            cards = pool.submit(lambda: hair_cards(hair, head, fit.neutral, options.quality, options.seed))
-            bald = hair.bald_beneath
+            brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
+            bald = not seen.without or wish.style == NONE
             given = photo, head, fit, chart, reading, bald, gathered.others
             texture = kept("texture", make_texture, *given, known.result())
             del known  # its memory
@@ -191,11 +194,11 @@ def make_avatar(
 
         def so_far(made: Reflectance | None) -> Avatar:
             """The avatar with maps as far as they are made, its parts without the photo's light."""
-            own_hair, own_parts = hair, parts.result()
+            own_hair, own_parts = hair.result(), parts.result()
             if made is not None and made.diffuse_albedo is not None:
                 albedo = small_albedo(made.diffuse_albedo, texture.texture.shape[1::-1])
                 light = to_albedo(texture.texture, albedo, texture.lit_skin)
-                own_hair, own_parts = hair_in_albedo(hair, in_albedo(own_parts, brows, head, albedo, light), light)
+                own_hair, own_parts = hair_in_albedo(own_hair, in_albedo(own_parts, brows, head, albedo, light), light)
             return Avatar(
                 photo=photo,
                 face=face,
@@ -232,7 +235,7 @@ def make_avatar(
         if subject is not None:
             reflectance = make_reflectance(
                 texture.legible,
-                replace(subject.result().wearing(texture, hair), wrinkles=AGES[options.wrinkles]),
+                replace(subject.result().wearing(texture), wrinkles=AGES[options.wrinkles]),
                 plan,
                 options.map_size,
                 engine,
@@ -243,6 +246,7 @@ def make_avatar(
                 tile=tile,
                 progress=lambda name, done: progress(name, BEFORE_NETWORKS + (1 - 2 * BEFORE_NETWORKS) * done),
                 stages=stages,
+                roots=lambda: left_by_roots(texture, hair.result()),
                 coloured=draw_early,
             )
             stage.timings |= reflectance.timings_s
@@ -322,8 +326,11 @@ class _Timed:
         self._progress(name, self._scale * self._done)
         begin = time.perf_counter()
         yield
-        self.timings[name] = time.perf_counter() - begin
+        self._took(name, begin)
         self._done = STAGES[name]
+
+    def _took(self, name: str, begin: float) -> None:
+        self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - begin
 
     def beside(self, name: str, pool: ThreadPoolExecutor, work: Callable[[], T]) -> Future[T]:
         """A stage that a thread of a pool makes beside the next ones."""
@@ -333,7 +340,7 @@ class _Timed:
             try:
                 return work()
             finally:
-                self.timings[name] = time.perf_counter() - begin
+                self._took(name, begin)
 
         with self(name):
             return pool.submit(timed)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from service.arrays import Float32, Float64, Int64, UInt8
+from service.arrays import Bool, Float32, Float64, Int64, UInt8
 from service.errors import ModelFault
 from service.face.fit.fit import Fit
 from service.face.region import Region
@@ -25,7 +25,7 @@ from service.hair.kinds import KINDS
 from service.hair.reading import CELLS as PHOTO_CELLS
 from service.hair.reading import HairReading
 from service.hair.sight import Sight
-from service.hair.style import Style, style_from_json
+from service.hair.style import LENGTHS, Style, style_from_json
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 
@@ -42,6 +42,8 @@ TRUST: dict[str, float] = {"length": 0.8, "gathered": 0.8, "parting": 0.65, "fri
 """Exponents of the reading's own probabilities."""
 ENDS_TRUST, ENDS_M = 0.5, 0.03
 """Weight of the height of the ends that was read, and the standard deviation that it has at least."""
+CROPPED_MM = 5.0
+"""Length of the longest strands below which a style is cropped to the skin."""
 UNLIKELY = 0.02
 """Least probability that a reading can give to a choice."""
 
@@ -69,6 +71,11 @@ class Bank:
         plain, turned = (np.unpackbits(self.masks[:, v], axis=1) for v in (view, other))
         turned = turned.reshape(-1, CELLS, CELLS)[:, :, ::-1].reshape(len(turned), -1)
         return np.concatenate([plain, turned]).astype(np.float32)
+
+    @property
+    def cropped(self) -> Bool:
+        """(2 n,) whether strands are too short to be grown, in the order of :meth:`seen`."""
+        return np.tile([max(getattr(style, name) for name in LENGTHS) < CROPPED_MM for style in self.styles], 2)
 
     def style(self, index: int) -> Style:
         """By a row of :meth:`seen`."""

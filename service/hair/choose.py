@@ -91,7 +91,7 @@ def candidates(bank: Bank, matches: Matches, read: HairReading, likeliest: int) 
     found, kind = np.unique(kinds, axis=0, return_inverse=True)
     kind = kind.ravel()
     order = matches.best(len(kind))
-    order = order[ways[kinds[order, 1]] == read_as]
+    order = order[(ways[kinds[order, 1]] == read_as) & ~bank.cropped[order]]
     best = order[np.unique(kind[order], return_index=True)[1]]
     share = np.bincount(kind, matches.probability, len(found))[kind[best]]
     return np.asarray(list(dict.fromkeys([*order[:likeliest], *best[share >= OF_EACH]])), np.int64)

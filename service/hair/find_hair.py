@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,12 +17,12 @@ from service.colour import srgb_to_linear
 from service.face.fit.fit import Fit
 from service.face.reading.reader import Reading
 from service.hair.asked import NONE, AskedHair
-from service.hair.bank import kind_of, match, read_bank
+from service.hair.bank import Matches, kind_of, match, read_bank
 from service.hair.choose import choose
 from service.hair.colour import HairColour, asked_colour
 from service.hair.groom import Groom, make_groom
 from service.hair.paint import painted
-from service.hair.reading import HairNetwork, read_hair
+from service.hair.reading import HairNetwork, HairReading, read_hair
 from service.hair.scalp import Scalp
 from service.hair.shape import fitted, seen_share, thickness_m
 from service.hair.sight import Sight, overlap
@@ -35,9 +35,9 @@ UNREAD = "crop"
 """Style of a head of which nothing was read."""
 BALD = 0.22
 """Share of the visible scalp with hair on it below which a head is bald."""
-CROPPED_M, CROPPED_MM = 0.0045, 5.0
-"""Thickness of hair at the outline, and length of a style's strands, under which hair is cropped to the skin and has no
-strands of its own: of portraits with fur of 3 to 4 mm the median thickness is 3.0 mm. Tied hair is as flat as 6 mm."""
+CROPPED_M = 0.0045
+"""Thickness of hair at the outline under which it is cropped to the skin and has no strands of its own: of portraits
+with fur of 3 to 4 mm the median thickness is 3.0 mm. Tied hair is as flat as 6 mm."""
 LEAST_SCALP = 0.35
 """Least share of the scalp in the picture that has to be seen for the hair to be known."""
 POOR, DOUBTFUL = 0.6, 0.5
@@ -48,11 +48,31 @@ USUAL_SKIN = np.array([0.52, 0.31, 0.22], np.float32)
 """Linear RGB of skin in a photo whose cheek was not seen."""
 
 
-def find_hair(
-    photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, asked: AskedHair, strands: int, seed: int,
+@dataclass(frozen=True)
+class SeenHair:
+    """What a photo tells of hair before any is grown.
+
+    Attributes:
+        skin: of the fitted head; None where no strands are worn whatever the photo shows.
+        read, sight: the photo's hair; None where nothing was read.
+        matches: how likely the styles of the bank are; None where none was compared.
+        unseen: the photo shows too little of the scalp to tell.
+        without: what a head is called that wears no strands: none, bald or shaved; empty where strands are worn.
+    """
+
+    skin: Scalp | None = None
+    read: HairReading | None = None
+    sight: Sight | None = None
+    matches: Matches | None = None
+    unseen: bool = False
+    without: str = ""
+
+
+def see_hair(
+    photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, asked: AskedHair,
     network: HairNetwork | None = None,
-) -> WornHair:  # fmt: skip
-    """Hair of the person in a photo.
+) -> SeenHair:  # fmt: skip
+    """Read the hair of a photo and compare it with the bank, which soon tells whether strands are worn.
 
     Args:
         photo: that was fitted.
@@ -60,60 +80,67 @@ def find_hair(
         fit: camera and vertices.
         reading: of the photo; without one, or where its hair cannot be read, nothing is compared.
         asked: the options.
-        strands: of a full head.
-        seed: of all that is random.
         network: that reads hair; None for the shipped one.
     """
-    style_name = asked.style if isinstance(asked.style, str) else "custom"
     if asked.style == NONE or "scalp" not in head.region_names:
-        return WornHair(
-            style_name, None, NONE, {}, np.zeros(0, np.float32),
-            doubts=() if asked.style == NONE else ("hair-not-for-this-head",),
-        )  # fmt: skip
+        return SeenHair(without=NONE)
     skin = Scalp.of(head, fit.neutral)
-    person = USUAL_SKIN if fit.cheek is None else np.asarray(srgb_to_linear(fit.cheek), np.float32)
     read = None if reading is None else read_hair(photo.pixels, reading, network)
     if read is None:
-        style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
-        groom = make_groom(style, seed, strands, skin)
-        found = WornHair(
-            style_name, groom, kind_of(style), {}, np.zeros(len(groom), np.float32),
-            doubts=() if asked.named else ("hair-unseen",),
-        )  # fmt: skip
-        return _coloured(found, photo, None, person, asked, seed)
+        return SeenHair(skin)
     sight = Sight.of(read, fit, head)
     if asked.named:
-        style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
-        groom = make_groom(style, seed, strands, skin)
-        seen = seen_share(groom.strands, sight)
-        agreement = overlap(sight.hair, sight.drawn(groom.strands).mask, sight.known)
-        return _coloured(WornHair(style_name, groom, kind_of(style), {}, seen, agreement), photo, sight, person, asked,
-                         seed)  # fmt: skip
+        return SeenHair(skin, read, sight)
     matches = match(read_bank(), sight, fit, head, read)
-    kinds = matches.kinds(read_bank())
     grown, known = _on_scalp(sight, skin)
-    doubts: tuple[str, ...] = ("hair-unseen",) if known < LEAST_SCALP else ()
+    seen = SeenHair(skin, read, sight, matches, known < LEAST_SCALP)
     thick = thickness_m(sight)
-    if not doubts and (grown < BALD or (thick is not None and thick < CROPPED_M)):
-        kind = "bald" if grown < BALD else "shaved"
-        return WornHair(style_name, None, kind, {kind: 1.0}, np.zeros(0, np.float32), doubts=())
-    if doubts:
-        style = _unnoticed(kinds, sight, skin, seed)
+    if seen.unseen:
+        return seen
+    if grown < BALD:
+        return replace(seen, without="bald")
+    cropped = asked.length_mm is None and matches.probability[read_bank().cropped].sum() > 0.5
+    return replace(seen, without="shaved" if cropped or (thick is not None and thick < CROPPED_M) else "")
+
+
+def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands: int, seed: int) -> WornHair:
+    """Hair of the person in a photo.
+
+    Args:
+        seen: what the photo tells.
+        photo: that was fitted.
+        fit: camera and vertices.
+        asked: the options.
+        strands: of a full head.
+        seed: of all that is random.
+    """
+    name, none = asked.style if isinstance(asked.style, str) else "custom", np.zeros(0, np.float32)
+    skin, sight, matches = seen.skin, seen.sight, seen.matches
+    kinds = {} if matches is None else matches.kinds(read_bank())
+    if skin is None or seen.without:
+        kinds = {seen.without: 1.0} if matches is not None else {}
+        why = ("hair-not-for-this-head",) if skin is None and asked.style != NONE else ()
+        return WornHair(name, None, seen.without, kinds, none, doubts=why)
+    person = USUAL_SKIN if fit.cheek is None else np.asarray(srgb_to_linear(fit.cheek), np.float32)
+    if seen.read is None or sight is None or matches is None:
+        style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
+        doubts: tuple[str, ...] = () if asked.named else ("hair-unseen",)
+    elif seen.unseen:
+        style, doubts = _longer(_unnoticed(kinds, sight, skin, seed), asked), ("hair-unseen",)
     else:
-        style = choose(read_bank(), matches, sight, skin, seed, read, strands // STRANDS_A_TRIAL)
-        if max(getattr(style, name) for name in LENGTHS) < CROPPED_MM and asked.length_mm is None:
-            return WornHair(style_name, None, "shaved", kinds, np.zeros(0, np.float32))
-    if asked.length_mm is not None or doubts:
-        groom = make_groom(_longer(style, asked), seed, strands, skin)
-        seen = seen_share(groom.strands, sight)
+        style = choose(read_bank(), matches, sight, skin, seed, seen.read, strands // STRANDS_A_TRIAL)
+        style, doubts = _longer(style, asked), ()
+    if matches is not None and sight is not None and asked.length_mm is None and not doubts:
+        groom, shown = fitted(style, sight, skin, seed, strands)
     else:
-        groom, seen = fitted(style, sight, skin, seed, strands)
-    agreement = overlap(sight.hair, sight.drawn(groom.strands).mask, sight.known)
+        groom = make_groom(style, seed, strands, skin)
+        shown = np.zeros(len(groom), np.float32) if sight is None else seen_share(groom.strands, sight)
+    agreement = 0.0 if sight is None else overlap(sight.hair, sight.drawn(groom.strands).mask, sight.known)
     kind = kind_of(style)
-    doubts += ("hair-style-poor",) if agreement < POOR else ()
-    doubts += ("hair-kind-doubtful",) if kinds.get(kind, 0.0) < DOUBTFUL else ()
-    found = WornHair(style_name, groom, kind, kinds, seen, agreement, doubts)
-    return _coloured(found, photo, sight, person, asked, seed)
+    if matches is not None:
+        doubts += ("hair-style-poor",) if agreement < POOR else ()
+        doubts += ("hair-kind-doubtful",) if kinds.get(kind, 0.0) < DOUBTFUL else ()
+    return _coloured(WornHair(name, groom, kind, kinds, shown, agreement, doubts), photo, sight, person, asked, seed)
 
 
 def _unnoticed(kinds: dict[str, float], sight: Sight, skin: Scalp, seed: int) -> Style:

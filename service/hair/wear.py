@@ -6,31 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, UInt8
+from service.arrays import Float32, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb
 from service.hair.cards import BUDGETS, PARTS, hair_parts
 from service.hair.colour import KNOTS, as_absorbed
 from service.hair.scalp import Scalp
 from service.hair.worn_hair import WornHair
-from service.head.model import HeadModel
 from service.levels import QualityName
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 
 
-def hair_cards(
-    hair: WornHair, head: HeadModel, neutral: AnyFloat, quality: QualityName, seed: int
-) -> tuple[MeshPart, ...]:
+def hair_cards(hair: WornHair, skin: Scalp | None, quality: QualityName, seed: int) -> tuple[MeshPart, ...]:
     """Meshes of the hair, in the light that its colour has; none on a head that wears no strands.
 
     Args:
         hair: of the photo.
-        head: the head model; one without a region "scalp" wears no strands.
-        neutral: (V, 3) metres, the fitted head at rest.
+        skin: of the fitted head at rest; None where hair grows nowhere.
         quality: says how many triangles and texels.
         seed: of all that is random.
     """
-    return () if hair.groom is None else hair_parts(hair.groom, Scalp.of(head, neutral), BUDGETS[quality], seed)
+    return () if hair.groom is None or skin is None else hair_parts(hair.groom, skin, BUDGETS[quality], seed)
 
 
 def hair_in_albedo(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import Float32
-from service.hair.asked import NONE
 from service.hair.groom import Groom
 
 
@@ -34,11 +33,6 @@ class WornHair:
     agreement: float = 0.0
     doubts: tuple[str, ...] = ()
     in_photo_light: bool = False
-
-    @property
-    def bald_beneath(self) -> bool:
-        """Whether the skin is to be painted without hair: strands are worn, or hair is not wanted."""
-        return self.groom is not None or self.asked == NONE
 
     @property
     def root_colour(self) -> Float32:

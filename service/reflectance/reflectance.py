@@ -86,6 +86,7 @@ def make_reflectance(
     tile: int = DEFAULT_TILE,
     progress: Progress = lambda stage, done: None,
     stages: StageCache = NoCache(),  # noqa: B008 - holds nothing
+    roots: Callable[[], npt.NDArray[np.uint8] | None] = lambda: None,
     coloured: Callable[[Reflectance], None] = lambda made: None,
 ) -> Reflectance:
     """Make the maps that a plan asks for.
@@ -103,6 +104,8 @@ def make_reflectance(
         tile: inner side of tiles in texels; the result does not depend on it.
         progress: told when a stage begins and after each tile.
         stages: keeps the maps of finished stages.
+        roots: asked once the albedo is made for what the shadow of hair roots leaves of it, (h, w, 3) uint8, linear,
+            255 = 1; None: all of it.
         coloured: told as soon as the diffuse albedo is as it will be, where that is before the other maps are made, in
             a thread of its own.
 
@@ -110,7 +113,7 @@ def make_reflectance(
         ModelFault: a network is missing, changed, or does not fit.
         NumericFault: a network's output is not finite.
     """
-    plain = replace(subject, roots=None, wrinkles=1.0)  # networks make the same maps, whatever is corrected of these
+    plain = replace(subject, wrinkles=1.0)  # networks make the same maps, whatever is corrected of these
     given = texture, plain, plan, size, seed, detail, tuple(without), own
     run = _Run(plan, stages, given, progress, small=size[0] * size[1] <= SMALL_MAP and tile >= DEFAULT_TILE)
     chart, depth = subject.chart, subject.wrinkles
@@ -120,8 +123,9 @@ def make_reflectance(
         if found is not None and subject.creases is not None:
             # Only now: the networks read relief from the dark lines of folds.
             found = unfolded_albedo(found, subject.creases)
-        if found is not None and subject.roots is not None:
-            found = darkened(found.copy(), subject.roots)
+        shade = None if found is None else roots()
+        if found is not None and shade is not None:
+            found = darkened(found.copy(), shade)
         if run.small and found is not None:
             coloured(replace(made, diffuse_albedo=found))
         return found

@@ -13,7 +13,6 @@ from service.anatomy.canvas import brow_plane, lash_line, lid_skin
 from service.arrays import AnyFloat, Float32, Float64
 from service.face.fit.fit import Fit
 from service.geometry.chart import NO_PART, Chart, islands
-from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.image_filters import blurred, by_strips, shrunk, stretched_to
@@ -22,7 +21,7 @@ from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
 from service.reflectance.relief.folds import Creases
 from service.runtime.network_registry import EYES
-from service.texture.texture import PhotoTexture, Texture, depth_map, left_by_roots, shape_normals
+from service.texture.texture import PhotoTexture, Texture, depth_map, shape_normals
 
 DARKEST = 0.2
 """Least irradiance, over the mean of the seen skin, by which is divided: darker skin lies in cast shadows, whose light
@@ -106,7 +105,6 @@ class Subject:
         eye_light: (3,) linear RGB radiance of a white surface in place of the sclera; None: not measured.
         parts: (h, w, 3) uint8 sRGB-coded diffuse albedo of all that is no skin; None: the texture divided by the mean
             light of the face is taken instead.
-        roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
         slope: (h, w, 2) float32 at ``GEOMETRY_SIZE``: how the photo's light answers to normals
             (``service.reflectance.subject``); None: the light is not known.
         creases: where the photo's expression folds the skin; None: nowhere.
@@ -122,7 +120,6 @@ class Subject:
     eye_light: npt.NDArray[np.floating] | None = None
     parts: npt.NDArray[np.uint8] | None = None
     inpainted: Float32 | None = None
-    roots: npt.NDArray[np.uint8] | None = None
     slope: Float32 | None = None
     creases: Creases | None = None
     photos: tuple[PhotoTexture, ...] = ()
@@ -150,8 +147,8 @@ class Subject:
             slope = sensitivity(subject.chart, fit.vertices, fit.light, fit.camera.rotation)
         return replace(subject, slope=slope, creases=Creases.of(subject.chart, fit))
 
-    def wearing(self, texture: Texture, hair: WornHair | None = None) -> Subject:
-        """The same head with what the texture tells of its light, and the roots of the hair it wears."""
+    def wearing(self, texture: Texture) -> Subject:
+        """The same head with what the texture tells of its light."""
         inpainted = np.asarray(texture.confidence == 0, np.float32)
         height, width = inpainted.shape
         inpainted *= self.bare((width, height))
@@ -160,7 +157,6 @@ class Subject:
             lit=texture.lit_skin * np.float32(1 / 255),
             inpainted=inpainted,
             parts=texture.parts,
-            roots=left_by_roots(texture, hair),
             photos=texture.photos,
         )
 

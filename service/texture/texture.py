@@ -190,9 +190,9 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
     return np.asarray(np.clip(0.5 * grown * points, 0, 0.95), np.float32)
 
 
-def left_by_roots(texture: Texture, hair: WornHair | None) -> UInt8 | None:
+def left_by_roots(texture: Texture, hair: WornHair) -> UInt8 | None:
     """(H, W, 3) uint8, linear, 255 = 1: what the shadow of a hair's roots leaves of the skin; None: all of it."""
-    if texture.roots is None or hair is None:
+    if texture.roots is None:
         return None
     # Colour of roots over the mean of the hair's strands: no light gets between them.
     root = np.clip(hair.root_colour * np.float32(0.8), 0, 1)

@@ -16,7 +16,7 @@ from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, 
 from service.hair.bank import kind_of, match, mirrored, read_bank
 from service.hair.choose import candidates
 from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
-from service.hair.find_hair import CROPPED_M, find_hair
+from service.hair.find_hair import CROPPED_M, grow_hair, see_hair
 from service.hair.paint import painted
 from service.hair.reading import CELLS
 from service.hair.scalp import Scalp
@@ -24,7 +24,9 @@ from service.hair.shape import filled, fitted, seen_share, seen_thinning, thickn
 from service.hair.sight import Sight, overlap
 from service.hair.style import NAMED, style_to_json
 from service.hair.wear import hair_cards
+from service.hair.worn_hair import WornHair
 from service.head.files import load_head
+from service.head.model import HeadModel
 from service.options import Options
 from service.photo.photo import Photo
 from tests.support.hair import fit_of, photographed
@@ -32,6 +34,15 @@ from tests.support.hair import fit_of, photographed
 HEAD = load_head()
 SKIN = Scalp.of(HEAD)
 USUAL_SKIN = np.array([0.5, 0.3, 0.2], np.float32)
+
+
+def find_hair(head: HeadModel, asked: AskedHair, strands: int) -> WornHair:
+    """Of a grey photo in which nothing is read."""
+    photo, fit = (
+        picture_of(np.full(3, 0.2)),
+        fit_of(HEAD.mean, photographed(NAMED["crop"], 1, HEAD, strands=50).fit.camera),
+    )
+    return grow_hair(see_hair(photo, head, fit, None, asked), photo, fit, asked, strands, 0)
 
 
 @pytest.mark.parametrize("kind", ["crop", "bob", "long_wavy", "afro"])
@@ -166,26 +177,22 @@ def test_black_hair_that_mirrors_the_sky_is_not_violet_and_blue_hair_stays_blue(
 
 @pytest.mark.parametrize("name", STYLES)
 def test_a_style_that_is_asked_for_is_worn(name: str) -> None:
-    photo = picture_of(np.full(3, 0.2))
-    fit = fit_of(HEAD.mean, photographed(NAMED["crop"], 1, HEAD, strands=50).fit.camera)
-    asked = AskedHair(name, "blond", 150.0)
-    found = find_hair(photo, HEAD, fit, None, asked, 200, 0)
+    found = find_hair(HEAD, AskedHair(name, "blond", 150.0), 200)
     assert found.kind == kind_of(NAMED[name]) and found.groom is not None and not found.doubts
     longest = 1000 * np.linalg.norm(np.diff(found.groom.strands, axis=1), axis=2).sum(1).max()
     assert 100 < longest < 900, "curls are several times as long as their middle line"
     assert luma(np.median(found.groom.colour.linear().reshape(-1, 3), 0)) > 0.1
-    bald = find_hair(photo, HEAD, fit, None, AskedHair("none"), 200, 0)
-    assert bald.groom is None and bald.bald_beneath and bald.kind == "none"
+    bald = find_hair(HEAD, AskedHair("none"), 200)
+    assert bald.groom is None and bald.kind == "none"
 
 
 def test_a_head_without_a_scalp_wears_nothing_and_says_so() -> None:
     """A head model of one's own need not tell where hair grows; its cards were asked for a region that it lacks."""
     names = tuple("unknown" if name == "scalp" else name for name in HEAD.region_names)
     bare = dataclasses.replace(HEAD, region_names=names)
-    fit = fit_of(HEAD.mean, photographed(NAMED["crop"], 1, HEAD, strands=50).fit.camera)
-    found = find_hair(picture_of(np.full(3, 0.2)), bare, fit, None, AskedHair(), 200, 0)
+    found = find_hair(bare, AskedHair(), 200)
     assert found.groom is None and found.doubts == ("hair-not-for-this-head",)
-    assert hair_cards(found, bare, HEAD.mean, "draft", 0) == ()
+    assert hair_cards(found, None, "draft", 0) == ()
 
 
 def test_what_cannot_be_asked_for_is_refused_with_its_value(tmp_path: Path) -> None:
@@ -253,10 +260,8 @@ def test_thickness_tells_a_shaved_head_from_a_crop() -> None:
 
 
 def test_hair_that_is_not_seen_is_guessed_and_says_so() -> None:
-    photo, asked = picture_of(np.full(3, 0.2)), AskedHair()
-    fit = fit_of(HEAD.mean, photographed(NAMED["crop"], 1, HEAD, strands=50).fit.camera)
-    found = find_hair(photo, HEAD, fit, None, asked, 300, 0)
+    found = find_hair(HEAD, AskedHair(), 300)
     assert found.groom is not None and set(found.doubts) == {"hair-unseen", "hair-colour-guessed"}
-    same = find_hair(photo, HEAD, fit, None, asked, 300, 0)
+    same = find_hair(HEAD, AskedHair(), 300)
     assert same.groom is not None
     np.testing.assert_array_equal(found.groom.strands, same.groom.strands)
