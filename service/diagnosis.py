@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import platform
 import resource
-import sys
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -63,8 +62,7 @@ def peak_rss_mb() -> float:
         with open("/proc/self/status", encoding="ascii", errors="replace") as status:
             return next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024
     except (OSError, StopIteration):
-        unit = 1 if sys.platform == "darwin" else 1024
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def runtimes() -> list[str]:

@@ -31,7 +31,7 @@ def memory_bytes(root: Path = ROOT) -> int:
 
 def processors(root: Path = ROOT) -> int:
     """Processors that this process may use, at least 1; a share of one is one."""
-    counts = [float(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)]
+    counts = [float(len(os.sched_getaffinity(0)))]
     for folder in _groups(root, "cpu"):
         words = _text(folder / "cpu.max").split()
         if len(words) == 2 and words[0].isdigit():
@@ -63,9 +63,7 @@ def _physical(root: Path) -> int:
     for line in _text(root / "proc/meminfo").splitlines():
         if line.startswith("MemTotal:"):
             return int(line.split()[1]) << 10
-    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return 8 << 30
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def _number(path: Path) -> float | None:

@@ -7,12 +7,12 @@ import json
 import os
 import time
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated
+from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from service.cli.files import check_paths, progress_bar, write_bytes
-from service.cli.flags import Json
+from service.cli.flags import Flag, Json, parsed, with_flags
 from service.errors import UsageError
 from service.options import parse_size
 from service.photo.limits import PIPE, read_file
@@ -21,30 +21,24 @@ if TYPE_CHECKING:
     from service.render.request import RenderRequest
 
 
+PICTURE = {
+    "scene": Flag("Light and camera, docs/render.md. [default: a studio]", metavar="SCENE.json"),
+    "size": Flag("WIDTHxHEIGHT in pixels. [default: 768x1024]", parse=parse_size),
+    "view": Flag("front, three-quarter, left, right, back, or degrees. [default: the scene's viewpoint]"),
+    "background": Flag("Behind the head: black, transparent or environment. [default: black]"),
+    "samples": Flag("Samples a pixel and axis, 1 to 3. [default: 2]", int),
+    "tolerance": Flag("Mean error in 1/255 that leaving out effects may cost. [default: 1]", float, "N"),
+    "turntable": Flag("N pictures around the head, as a film; OUTPUT ends in .gif or .mp4.", int, "N"),
+}
+"""How a picture is made; all but the last are fields of ``RenderRequest``."""
+
+
+@with_flags(PICTURE)
 def render(
     archive: Annotated[str, typer.Argument(metavar="AVATAR.zip", help="Archive of 'make', or - for a pipe.")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="IMAGE.png", help="PNG to write, or - for a pipe.")],
-    scene: Annotated[
-        str | None, typer.Option(metavar="SCENE.json", help="Light and camera, docs/render.md. [default: a studio]")
-    ] = None,
-    size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT in pixels. [default: 768x1024]")] = None,
-    view: Annotated[
-        str | None,
-        typer.Option(help="front, three-quarter, left, right, back, or degrees. [default: the scene's viewpoint]"),
-    ] = None,
-    background: Annotated[
-        str | None, typer.Option(help="Behind the head: black, transparent or environment. [default: black]")
-    ] = None,
-    samples: Annotated[int | None, typer.Option(help="Samples a pixel and axis, 1 to 3. [default: 2]")] = None,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(metavar="N", help="Mean error in 1/255 that leaving out effects may cost. [default: 1]"),
-    ] = None,
-    turntable: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="N pictures around the head, as a film; OUTPUT ends in .gif or .mp4."),
-    ] = None,
     as_json: Json = False,
+    **flags: Any,
 ) -> None:
     """Render an avatar under the light of a scene.
 
@@ -53,20 +47,19 @@ def render(
     """
     from service.light.scene import Scene
 
-    begin = time.perf_counter()
-    inputs = {"archive": archive, **({} if scene is None else {"scene": scene})}
+    begin, wanted = time.perf_counter(), parsed(PICTURE, flags)
+    inputs = {"archive": archive} | {name: wanted[name] for name in ("scene",) if name in wanted}
     check_paths(output, inputs, what="picture", example="IMAGE.png", as_json=as_json)
-    text = None if scene is None else read_file(scene, "scene", 1 << 20).decode("utf-8", "replace")
-    given = {
-        "scene": None if text is None else Scene.from_json(text), "size": None if size is None else parse_size(size),
-        "view": view, "background": background, "samples": samples, "tolerance": tolerance,
-    }  # fmt: skip
+    if "scene" in wanted:
+        text = read_file(wanted["scene"], "scene", 1 << 20).decode("utf-8", "replace")
+        wanted["scene"] = Scene.from_json(text)
     from service.archive.images import encode_png
     from service.archive.rendering import render_archive
     from service.light.plan import report
     from service.render.request import RenderRequest
 
-    request = RenderRequest(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+    turntable = wanted.pop("turntable", None)
+    request = RenderRequest(**wanted)
     if turntable is not None:
         _film(archive, output, request, turntable, begin, as_json=as_json)
         return

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
+import resource
 import signal
 import stat
-import sys
-import threading
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
@@ -26,14 +26,8 @@ def limit_self(memory_mb: int, seconds: float, niceness: int, parent: int) -> No
     """
     with contextlib.suppress(OSError):
         os.nice(niceness)
-    if sys.platform == "win32":
-        return
-    import resource
-
     _lower(resource.RLIMIT_CORE, 0)
     _lower(resource.RLIMIT_CPU, int(seconds * (os.cpu_count() or 1)) + 60)
-    if sys.platform != "linux":
-        return
     if memory_mb:
         # RLIMIT_AS would count the address space that allocators and networks reserve and never use.
         _lower(resource.RLIMIT_DATA, memory_mb << 20)
@@ -43,13 +37,8 @@ def limit_self(memory_mb: int, seconds: float, niceness: int, parent: int) -> No
 
 
 def end_with_parent(parent: int) -> None:
-    """Have the system end this process together with the one that started it, where it is Linux."""
-    if sys.platform != "linux":
-        return
-    with contextlib.suppress(OSError, AttributeError):
-        import ctypes
-
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    """Have the system end this process together with the one that started it."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it ended before the line above
         os._exit(1)
 
@@ -83,28 +72,8 @@ def give_back_memory() -> None:
         libc.mallopt(MMAP_THRESHOLD, _LARGE)
 
 
-def end_with(pipe: int) -> None:
-    """End this process when the other end of a pipe closes: for systems without a signal at the parent's death.
-
-    Args:
-        pipe: its file descriptor. Not a Python stream: a thread that reads one holds its lock while the interpreter
-            ends, which aborts the process.
-    """
-
-    def wait() -> None:
-        while os.read(pipe, 4096):
-            pass
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
-
-
-if sys.platform != "win32":
-
-    def _lower(kind: int, value: int) -> None:
-        import resource
-
-        hard = resource.getrlimit(kind)[1]
-        if hard != resource.RLIM_INFINITY:
-            value = min(value, hard)
-        resource.setrlimit(kind, (value, value))
+def _lower(kind: int, value: int) -> None:
+    hard = resource.getrlimit(kind)[1]
+    if hard != resource.RLIM_INFINITY:
+        value = min(value, hard)
+    resource.setrlimit(kind, (value, value))

@@ -108,7 +108,7 @@ def main() -> int:
     The program is a module with a function ``run(task, reporter)`` that computes a job and says ``done``; a fault
     leaves it as an exception. What it needs it imports at its top, which is done before there is a task.
     """
-    from service.jobs.limits import end_with, limit_self
+    from service.jobs.limits import limit_self
 
     memory, seconds, niceness, parent = (float(text) for text in sys.argv[2:6])
     reporter = Reporter()
@@ -119,7 +119,6 @@ def main() -> int:
     line = sys.stdin.buffer.readline()
     if not line:
         return 0
-    end_with(sys.stdin.fileno())
     task = Task(**json.loads(line))
     try:
         program.run(task, reporter)
@@ -288,16 +287,13 @@ class JobProcess:
         lines.put(None)
 
     def _too_large(self) -> bool:
-        limit = self._settings.memory_mb
-        if not limit or sys.platform != "linux":
-            return False
         processes = [self._process.pid, *descendants(self._process.pid)]
-        return sum(resident_mb(process) for process in processes) > limit
+        return 0 < self._settings.memory_mb < sum(map(resident_mb, processes))
 
 
 def descendants(process: int) -> list[int]:
-    """Processes that a process started, and those that these started; empty where the system has no /proc."""
-    return list(_descend(process)) if sys.platform == "linux" else []
+    """Processes that a process started, and those that these started."""
+    return list(_descend(process))
 
 
 def _descend(process: int) -> Iterator[int]:
