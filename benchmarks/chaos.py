@@ -6,7 +6,7 @@
 
 Jobs are those of ``tests.support.toy_job``, with ``--real`` small drafts of the shipped pipeline, of four photos. Every
 kill is SIGKILL to the whole process tree, to the server alone or to the worker alone. The moments are spread evenly
-over ``Work.points``: while a photo is taken in, in each stage, while the archive is packed and published, and soon
+over ``Toys.points``: while a photo is taken in, in each stage, while the archive is packed and published, and soon
 after a start. ``benchmarks.batch_chaos`` does the same to several workers on one Postgres.
 
 Afterwards every job that was answered with 202 must have succeeded, or failed where its photo has to fail, and been
@@ -16,7 +16,6 @@ have been computed again (which the toys tell), and there may be no job that nob
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import hashlib
 import os
@@ -29,12 +28,13 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, ClassVar
 
 import httpx
+import typer
 
 from service.diagnosis import SAMPLE
 from service.jobs.view import FINAL
@@ -68,7 +68,6 @@ class Findings:
         twice: jobs whose end was told more than once, or that nobody was told of: made twice of one request.
         redone: stages that were computed again although their result was kept.
         leftovers: files of uploads and stages that nobody needs.
-        seconds: of the run.
     """
 
     accepted: dict[str, tuple[str, int]] = field(default_factory=dict)
@@ -82,15 +81,14 @@ class Findings:
     twice: list[str] = field(default_factory=list)
     redone: list[str] = field(default_factory=list)
     leftovers: list[str] = field(default_factory=list)
-    seconds: float = 0.0
 
     def well(self) -> bool:
         """Whether every promise was kept."""
         return bool(self.accepted) and not (self.wrong or self.lost or self.twice or self.redone or self.leftovers)
 
 
-class Work(Protocol):
-    """What the service is given to do.
+class Toys:
+    """Jobs of ``tests.support.toy_job``, some of which have to fail: what the service is given to do.
 
     Attributes:
         settings: of the server.
@@ -100,60 +98,38 @@ class Work(Protocol):
         one_by_one: whether a poster waits for the end of its job before it posts the next.
     """
 
-    settings: dict[str, Any]
-    options: dict[str, Any]
-    points: tuple[str, ...]
-    failing: dict[int, str]
-    one_by_one: bool
-
-    def photo(self, poster: int, count: int) -> tuple[bytes, int]:
-        """The photo that a poster posts next, and its seed."""
-        ...
-
-    def wanted(self, digest: str, seed: int) -> bytes:
-        """The archive of an undisturbed run."""
-        ...
-
-    def reached(self, point: str, folder: Path, asked: Callable[[], int]) -> str | None:
-        """Wait for a point; None where it does not come."""
-        ...
-
-
-class Toys:
-    """Jobs of ``tests.support.toy_job``; some of them have to fail."""
-
-    settings: dict[str, Any] = {}  # noqa: RUF012 - never changed
-    options: dict[str, Any] = {}  # noqa: RUF012
+    settings: ClassVar[dict[str, Any]] = {}
+    options: ClassVar[dict[str, Any]] = {}
     points: tuple[str, ...] = POINTS
-    failing = FAILING
+    failing: ClassVar[dict[int, str]] = FAILING
     one_by_one = False
 
     def photo(self, poster: int, count: int) -> tuple[bytes, int]:
-        """Another one each time; one of so many has to fail."""
+        """The photo that a poster posts next, and its seed: another one each time; one of so many has to fail."""
         fails = count % _EVERY == 0
         seed = list(FAILING)[count // _EVERY % len(FAILING)] if fails else count % 100
         return small_photo(1000 * poster + count), seed
 
     def wanted(self, digest: str, seed: int) -> bytes:
-        """Computed here."""
+        """The archive of an undisturbed run."""
         return archive(digest, seed)
 
     def reached(self, point: str, folder: Path, asked: Callable[[], int]) -> str | None:
-        """By the log of the toys."""
+        """Wait for a point; None where it does not come."""
         return reached(point, folder / LOG_FILE, asked)
 
 
-class Avatars:
+class Avatars(Toys):
     """Small drafts by the shipped networks, compared with what the command makes of the same photos.
 
     Args:
         folder: for what the command makes.
     """
 
-    settings: dict[str, Any] = {"program": "service.jobs.avatar_process"}  # noqa: RUF012 - never changed
-    options: dict[str, Any] = {"quality": "draft", "size": [192, 128]}  # noqa: RUF012
-    points: tuple[str, ...] = ("taking in", *REAL_STAGES, "starting")
-    failing: dict[int, str] = {}  # noqa: RUF012
+    settings: ClassVar[dict[str, Any]] = {"program": "service.jobs.avatar_process"}
+    options: ClassVar[dict[str, Any]] = {"quality": "draft", "size": [192, 128]}
+    points = ("taking in", *REAL_STAGES, "starting")
+    failing: ClassVar[dict[int, str]] = {}
     one_by_one = True
 
     def __init__(self, folder: Path) -> None:
@@ -179,110 +155,26 @@ class Avatars:
         return really_reached(point, folder / "data", asked)
 
 
-class Alone:
-    """A server with its worker on one machine.
-
-    Args:
-        folder: for its data and log.
-        settings: further settings of the server.
-    """
-
-    def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
-        self.server = Server(folder / "data", settings, {LOG: str(folder / LOG_FILE), SECONDS: "0.15"})
-        self.server.start(ready=False)
-
-    def kill(self, random_: random.Random) -> str:
-        """Kill the server, its worker or both, and start again what ended; returns which."""
-        kind = random_.choices(("everything", "server", "worker"), (6, 2, 2))[0]
-        if kind == "worker":
-            worker = self.server.worker()
-            if worker is not None:
-                with contextlib.suppress(OSError):
-                    os.kill(worker, signal.SIGKILL)
-            return kind
-        if kind == "server" and self.server.process is not None:
-            self.server.process.kill()
-            self.server.process.wait()
-            time.sleep(0.1)  # its worker ends with it
-        else:
-            self.server.kill()
-        self.server.start(ready=False)
+def kill(server: Server, chance: random.Random) -> str:
+    """Kill the server, its worker or both, and start again what ended; returns which."""
+    kind = chance.choices(("everything", "server", "worker"), (6, 2, 2))[0]
+    if kind == "worker":
+        worker = server.worker()
+        if worker is not None:
+            with contextlib.suppress(OSError):
+                os.kill(worker, signal.SIGKILL)
         return kind
-
-    def mend(self) -> None:
-        """Let everything run again, for the jobs that are left."""
-        if self.server.process is None or self.server.process.poll() is not None:
-            self.server.start()
-        self.server.wait("readyz")
-
-    def stop(self) -> None:
-        """End it."""
-        self.server.stop()
+    if kind == "server" and server.process is not None:
+        server.process.kill()
+        server.process.wait()
+        time.sleep(0.1)  # its worker ends with it
+    else:
+        server.kill()
+    server.start(ready=False)
+    return kind
 
 
-def chaos(
-    folder: Path,
-    kills: int,
-    *,
-    posters: int = 3,
-    pause: float = 1.5,
-    seed: int = 1,
-    settings: dict[str, Any] | None = None,
-    minutes: float = float("inf"),
-    jobs: int = 0,
-    real: bool = False,
-) -> Findings:
-    """Run it.
-
-    Args:
-        folder: for the data of the service.
-        kills: how many.
-        posters: threads that post photos.
-        pause: seconds between two photos of one of them.
-        seed: of the random choices.
-        settings: further settings of the server.
-        minutes: after which no more is killed.
-        jobs: post on until so many were accepted.
-        real: compute avatars rather than toys.
-    """
-    begin = time.monotonic()
-    random_ = random.Random(seed)  # noqa: S311 - when to kill is no secret
-    work: Work = Avatars(folder) if real else Toys()
-    settings = {"jobs": 2, **work.settings, **(settings or {})}
-    site = Alone(folder, settings)
-    server, findings, over = site.server, Findings(), threading.Event()
-    arguments = (server, findings, over, pause, work)
-    threads = [threading.Thread(target=_post, args=(number, *arguments)) for number in range(posters)]
-    for thread in threads:
-        thread.start()
-    try:
-        try:
-            for number in range(kills):
-                if time.monotonic() - begin > minutes * 60:
-                    break
-                point = work.points[number % len(work.points)]
-                met = work.reached(point, folder, lambda: findings.asked)
-                findings.points[point if met is not None else "elsewhere"] += 1
-                time.sleep(random_.uniform(0.0, 2.5 if point == "starting" else 0.1))
-                findings.kills[site.kill(random_)] += 1
-            while len(findings.accepted) < jobs:
-                time.sleep(0.2)
-        finally:
-            over.set()
-            for thread in threads:
-                thread.join()
-        site.mend()
-        _look(server, findings, work)
-        time.sleep(7)  # leftovers are swept a few seconds after the end of a job
-    finally:
-        site.stop()
-    findings.redone = redone(folder / LOG_FILE)
-    findings.leftovers = _leftovers(server.data, set(findings.accepted))
-    findings.seconds = time.monotonic() - begin
-    return findings
-
-
-def _post(number: int, server: Server, findings: Findings, over: threading.Event, pause: float, work: Work) -> None:
+def _post(number: int, server: Server, findings: Findings, over: threading.Event, pause: float, work: Toys) -> None:
     """Post one photo after the other; a request without an answer is sent again with the same key."""
     count = 0
     with httpx.Client(base_url=server.url, timeout=10) as client:
@@ -314,7 +206,7 @@ def _ended(client: httpx.Client, job: str) -> bool:
         return False
 
 
-def _look(server: Server, findings: Findings, work: Work) -> None:
+def _look(server: Server, findings: Findings, work: Toys) -> None:
     with httpx.Client(base_url=server.url, timeout=30) as client:
         for job, (digest, seed) in findings.accepted.items():
             state = wait_for(client, job, within=600)
@@ -344,36 +236,65 @@ def _leftovers(data: Path, jobs: set[str]) -> list[str]:
     return [str(path.relative_to(data)) for path in files]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--real", action="store_true", help="compute avatars rather than toys")
-    parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--jobs", type=int, default=0, help="post on until so many were accepted")
-    parser.add_argument("--posters", type=int, default=3)
-    parser.add_argument("--pause", type=float, default=1.5, help="seconds between two photos of one poster")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="kill no more after so many")
-    asked = parser.parse_args(arguments)
-    folder = Path(tempfile.mkdtemp(prefix="chaos-"))
-    findings = chaos(
-        folder, asked.kills, posters=asked.posters, pause=asked.pause, seed=asked.seed, minutes=asked.minutes,
-        jobs=asked.jobs, real=asked.real,
-    )  # fmt: skip
-    if findings.well():
+def main(
+    real: Annotated[bool, typer.Option("--real", help="Compute avatars rather than toys.")] = False,
+    kills: int = 100,
+    jobs: Annotated[int, typer.Option(help="Post on until so many were accepted.")] = 0,
+    posters: Annotated[int, typer.Option(help="Threads that post photos.")] = 3,
+    pause: Annotated[float, typer.Option(help="Seconds between two photos of one of them.")] = 1.5,
+    seed: Annotated[int, typer.Option(help="Of the random choices.")] = 1,
+    minutes: Annotated[float, typer.Option(help="Kill no more after so many.")] = float("inf"),
+) -> None:
+    """Run it, and print what was found."""
+    begin, folder = time.monotonic(), Path(tempfile.mkdtemp(prefix="chaos-"))
+    chance = random.Random(seed)  # noqa: S311 - when to kill is no secret
+    work = Avatars(folder) if real else Toys()
+    found, over = Findings(), threading.Event()
+    server = Server(folder / "data", {"jobs": 2, **work.settings}, {LOG: str(folder / LOG_FILE), SECONDS: "0.15"})
+    server.start(ready=False)
+    arguments = (server, found, over, pause, work)
+    threads = [threading.Thread(target=_post, args=(number, *arguments)) for number in range(posters)]
+    for thread in threads:
+        thread.start()
+    try:
+        try:
+            for number in range(kills):
+                if time.monotonic() - begin > minutes * 60:
+                    break
+                point = work.points[number % len(work.points)]
+                met = work.reached(point, folder, lambda: found.asked)
+                found.points[point if met is not None else "elsewhere"] += 1
+                time.sleep(chance.uniform(0.0, 2.5 if point == "starting" else 0.1))
+                found.kills[kill(server, chance)] += 1
+            while len(found.accepted) < jobs:
+                time.sleep(0.2)
+        finally:
+            over.set()
+            for thread in threads:
+                thread.join()
+        if server.process is None or server.process.poll() is not None:
+            server.start()
+        server.wait("readyz")
+        _look(server, found, work)
+        time.sleep(7)  # leftovers are swept a few seconds after the end of a job
+    finally:
+        server.stop()
+    found.redone = redone(folder / LOG_FILE)
+    found.leftovers = _leftovers(server.data, set(found.accepted))
+    if found.well():
         shutil.rmtree(folder)
-    kinds = ", ".join(f"{count} of {kind}" for kind, count in findings.kills.items())
-    print(f"{findings.kills.total()} kills ({kinds}) in {findings.seconds:.0f} s")
-    print("at " + ", ".join(f"{point}: {count}" for point, count in findings.points.items()))
-    bound = sum(seed in FAILING for _, seed in findings.accepted.values())
-    print(f"{len(findings.accepted)} jobs accepted; at the end {dict(findings.states)}")
-    print(f"failed {dict(findings.failures)}; {bound} of the photos were made to fail so")
-    print(f"lost {len(findings.lost)}, made twice {len(findings.twice)}, other bytes {len(findings.wrong)}")
-    print(f"stages redone {len(findings.redone)}, files left over {len(findings.leftovers)}")
-    for line in (*findings.lost, *findings.twice, *findings.wrong, *findings.redone, *findings.leftovers):
+    kinds = ", ".join(f"{count} of {kind}" for kind, count in found.kills.items())
+    print(f"{found.kills.total()} kills ({kinds}) in {time.monotonic() - begin:.0f} s")
+    print("at " + ", ".join(f"{point}: {count}" for point, count in found.points.items()))
+    bound = sum(seed in FAILING for _, seed in found.accepted.values())
+    print(f"{len(found.accepted)} jobs accepted; at the end {dict(found.states)}")
+    print(f"failed {dict(found.failures)}; {bound} of the photos were made to fail so")
+    print(f"lost {len(found.lost)}, made twice {len(found.twice)}, other bytes {len(found.wrong)}")
+    print(f"stages redone {len(found.redone)}, files left over {len(found.leftovers)}")
+    for line in (*found.lost, *found.twice, *found.wrong, *found.redone, *found.leftovers):
         print(line)
-    raise SystemExit(0 if findings.well() else 1)
+    raise SystemExit(0 if found.well() else 1)
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.head.files import split_polygons
@@ -44,6 +45,12 @@ class TexturedHead:
     colours: Float
     eyes: Float
     eye_radius: float
+
+    def colours_at(self, points: Float) -> tuple[Float, Float]:
+        """Linear albedo (N, 3) at points (N, 3), a mean of the three nearest vertices'; metres to the nearest (N,)."""
+        distance, index = cKDTree(self.vertices).query(points, k=3)
+        weight = 1 / np.maximum(distance, 1e-6)
+        return (self.colours[index] * weight[..., None]).sum(1) / weight.sum(1, keepdims=True), distance[:, 0]
 
 
 class IctHeads:
@@ -150,7 +157,6 @@ def carry_skin(points: Float, from_landmarks: Float, skin: Skin, to_landmarks: F
     Landmarks that are not finite in either set are left out.
     """
     from scipy.interpolate import RBFInterpolator
-    from scipy.spatial import cKDTree
 
     good = np.isfinite(from_landmarks).all(1) & np.isfinite(to_landmarks).all(1)
     warp = RBFInterpolator(from_landmarks[good], to_landmarks[good], kernel="thin_plate_spline", smoothing=1e-6)

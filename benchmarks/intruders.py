@@ -24,12 +24,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.albedo import albedo_of
+from benchmarks.metrics import at_chart
 from models.tables import tell
 from service.arrays import Bool, Float32
-from service.colour import FULL_CODE, LUMA, linear_to_srgb, srgb_to_linear
+from service.colour import LUMA, linear_to_srgb, srgb_to_linear
 from service.errors import AvatarError
 from service.face.reading import part_labels as labels
-from service.geometry.sampling import sample_at
 from service.options import Options
 from service.pipeline import make_avatar
 
@@ -104,23 +105,14 @@ def shoot(folder: Path, count: int) -> list[int]:
     return found
 
 
-def albedo_of(jpeg: bytes) -> Float32 | None:
+def linear_albedo(jpeg: bytes) -> Float32 | None:
     """(h, w, 3) linear RGB of the avatar of a picture; None where no face is found."""
     options = Options(maps=("diffuse_albedo",), quality="draft", size=CHART, face="largest")
     try:
         made = make_avatar(jpeg, options).reflectance
     except AvatarError:
         return None
-    if made is None or made.diffuse_albedo is None:
-        raise ValueError("an avatar of this benchmark has to have the diffuse albedo")
-    return srgb_to_linear((made.diffuse_albedo / np.float32(FULL_CODE)).astype(np.float32))
-
-
-def at(plane: Float32, chart: Float32) -> Float32:
-    """(N, C) values of a map (h, w, C) at chart coordinates (N, 2), origin bottom left."""
-    height, width = plane.shape[:2]
-    x, y = chart[:, 0] * width - 0.5, (1 - chart[:, 1]) * height - 0.5
-    return np.asarray(sample_at(np.ascontiguousarray(plane, np.float32), x.astype(np.float32), y.astype(np.float32)))
+    return srgb_to_linear(albedo_of(made))
 
 
 def luminance(linear: Float32) -> Float:
@@ -203,7 +195,7 @@ def compared(
 
     skin = changed | rest
     chart, one, far = bare.chart[skin], changed[skin], rest[skin]
-    truth, a, b = (at(plane, chart) for plane in (bare.albedo.astype(np.float32), clean, worn))
+    truth, a, b = (at_chart(plane, chart.astype(np.float64)).astype(np.float32) for plane in (bare.albedo, clean, worn))
     gain = float(np.median(luminance(a[far]) / luminance(b[far])))
     labs = [rgb2lab(linear_to_srgb(np.clip(c[one], 0, 1))[None])[0] for c in (a, gain * b)]
     residue = float(np.quantile(np.linalg.norm(labs[0] - labs[1], axis=1), 0.95))
@@ -217,7 +209,7 @@ def pairs(folder: Path, seeds: list[int], wanted: list[str], sheet: Path | None)
     """Measure, one after the other."""
     for seed in seeds:
         bare = Sight.load(folder / f"{seed:04}-{NOTHING}.npz")
-        clean = albedo_of(bare.jpeg)
+        clean = linear_albedo(bare.jpeg)
         if clean is None:
             continue
         for intruder in wanted:
@@ -225,7 +217,7 @@ def pairs(folder: Path, seeds: list[int], wanted: list[str], sheet: Path | None)
             changed, rest = touched(bare, other)
             if changed.sum() < FEWEST or rest.sum() < FEWEST:
                 continue
-            worn = albedo_of(other.jpeg)
+            worn = linear_albedo(other.jpeg)
             if worn is None:
                 continue
             yield compared(intruder, seed, bare, changed, rest, clean, worn)

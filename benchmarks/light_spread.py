@@ -89,14 +89,10 @@ def photo_of(head: TexturedHead, light: str, out: Path) -> Path:
 
 def true_albedo(head: TexturedHead, position: Float, mask: Mask) -> tuple[Float, Mask]:
     """(H, W, 3) linear albedo of each pixel, the mean of the three nearest vertices'; and which pixels show skin."""
-    from scipy.spatial import cKDTree
-
-    distance, index = cKDTree(head.vertices).query(position[mask], k=3)
-    weight = 1 / np.maximum(distance, 1e-6)
     albedo, near = np.zeros((*mask.shape, 3)), np.zeros(mask.shape, bool)
-    albedo[mask] = (head.colours[index] * weight[..., None]).sum(1) / weight.sum(1, keepdims=True)
+    albedo[mask], distance = head.colours_at(position[mask])
     eyes = np.linalg.norm(position[mask][:, None] - head.eyes, axis=2).min(1) < 1.05 * head.eye_radius
-    near[mask] = (distance[:, 0] < NEAR_M) & ~eyes
+    near[mask] = (distance < NEAR_M) & ~eyes
     return albedo, near
 
 

@@ -141,7 +141,6 @@ def _unseen(photo: Photo, avatar: Avatar, placed: tuple[float, Float, Float]) ->
     ``placed`` is the similarity from the fitted head to the true one.
     """
     import cv2
-    from scipy.spatial import cKDTree
 
     scale, rotation, offset = placed
     chart = Chart.build(avatar.head, *CHART_SIZE)
@@ -151,10 +150,8 @@ def _unseen(photo: Photo, avatar: Avatar, placed: tuple[float, Float, Float]) ->
     texels = chart.texels[chosen]
     eyes, head = photo.head.eyes, photo.head
     apart = float(np.linalg.norm(eyes[0] - eyes[1]))
-    distance, index = cKDTree(head.vertices).query(points, k=3)
+    colours, distance = head.colours_at(points)
     near = np.linalg.norm(points - (eyes.mean(0) - [0, 0.55 * apart, 0]), axis=1) < FACE_RADIUS * apart
-    near &= (distance[:, 0] < NEAREST_M) & (np.linalg.norm(points[:, None] - eyes, axis=2).min(1) > head.eye_radius)
-    weight = 1 / np.maximum(distance[near], 1e-6)
-    colours = (head.colours[index[near]] * weight[..., None]).sum(1) / weight.sum(1, keepdims=True)
+    near &= (distance < NEAREST_M) & (np.linalg.norm(points[:, None] - eyes, axis=2).min(1) > head.eye_radius)
     row, column = np.divmod(texels[near], CHART_SIZE[0])
-    return np.stack([(column + 0.5) / CHART_SIZE[0], 1 - (row + 0.5) / CHART_SIZE[1]], 1), colours
+    return np.stack([(column + 0.5) / CHART_SIZE[0], 1 - (row + 0.5) / CHART_SIZE[1]], 1), colours[near]
