@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -50,6 +50,12 @@ def shrunk(image: Image, size: tuple[int, int]) -> Float32:
 def stretched_to(image: Image, size: tuple[int, int]) -> Float32:
     """The image at (width, height), interpolated bilinearly between the centres of its texels."""
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def resized(image: Image, size: tuple[int, int]) -> npt.NDArray[Any]:
+    """The image at (width, height), of its own type: by area where it becomes narrower, else bilinearly."""
+    way = cv2.INTER_AREA if size[0] <= image.shape[1] else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(np.ascontiguousarray(image), size, interpolation=way))
 
 
 def ramp(value: AnyFloat, between: tuple[float, float]) -> Float32:

@@ -15,6 +15,7 @@ from service.archive.glb import EncodedPicture, chart_textures, glb_bytes
 from service.archive.images import NORMAL_SCALE, NORMAL_ZERO, encode_png
 from service.archive.reading import unpack_map
 from service.arrays import UInt8
+from service.image_filters import resized
 from service.kits.lod import levels_of_detail, triangles
 from service.kits.source import extract, kit_facts, materials_of, read_parts, write, write_light
 
@@ -98,13 +99,10 @@ def glb_charts(charts: KitCharts) -> dict[str, EncodedPicture]:
 
 
 def _square(codes: UInt8, largest: int) -> UInt8:
-    import cv2
-
     side = min(1 << (codes.shape[0].bit_length() - 1), largest)
     if codes.shape[:2] == (side, side):
         return codes
-    way = cv2.INTER_AREA if codes.shape[0] > side or codes.shape[1] > side else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(codes, (side, side), interpolation=way))
+    return resized(codes, (side, side))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from a plane of the map's size, or interpolated from a coarser plane of the same
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -19,6 +19,7 @@ import numpy.typing as npt
 from service.arrays import AnyFloat, Float32
 from service.colour import FULL_CODE, LUMA, Codes, decode_in_place, from_codes
 from service.errors import ModelFault
+from service.image_filters import resized
 from service.runtime.tiles import Indices
 
 
@@ -34,6 +35,14 @@ def interpolated(plane: Float32, size: tuple[int, int], rows: Indices, columns: 
     result = np.zeros((len(rows), len(columns)), np.float32)
     interpolate_into(plane, size, rows, columns, result)
     return result
+
+
+def read_window(
+    planes: Iterable[Float32], size: tuple[int, int], rows: slice, columns: slice | None = None
+) -> Float32:
+    """(h, w, C) float32 values of coarse planes (h', w') in some rows and columns of a map of ``size``; None: all."""
+    down, across = np.r_[rows], np.arange(size[0]) if columns is None else np.r_[columns]
+    return np.stack([interpolated(plane, size, down, across) for plane in planes], -1)
 
 
 def interpolate_into(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:
@@ -141,18 +150,18 @@ class Planes:
         for letter, plane in zip("rgb", planes, strict=True):
             self.channels[f"{name}_{letter}"] = Channel(
                 lambda rows, columns, into, plane=plane: _read_codes(plane, rows, columns, into),  # type: ignore[misc]
-                lambda size, plane=plane: from_codes(_resized(plane, size)),  # type: ignore[misc]
+                lambda size, plane=plane: from_codes(resized(plane, size)),  # type: ignore[misc]
             )
         self.channels[f"{name}_grey"] = Channel(
             lambda rows, columns, into: _read_grey(planes, rows, columns, into),
-            lambda size: from_codes(_resized(codes, size)) @ LUMA,
+            lambda size: from_codes(resized(codes, size)) @ LUMA,
         )
 
     def add_grey(self, name: str, codes: Codes) -> None:
         """Add one channel in [-1, 1] from (H, W) codes."""
         self.channels[name] = Channel(
             lambda rows, columns, into: _read_codes(codes, rows, columns, into),
-            lambda size: from_codes(_resized(codes, size)),
+            lambda size: from_codes(resized(codes, size)),
         )
 
     def add_full(self, names: Sequence[str], values: AnyFloat) -> None:
@@ -160,7 +169,7 @@ class Planes:
         for name, plane in zip(names, np.asarray(values, np.float32), strict=True):
             self.channels[name] = Channel(
                 lambda rows, columns, into, plane=plane: pick(plane, rows, columns, into),  # type: ignore[misc]
-                lambda size, plane=plane: _resized(plane, size),  # type: ignore[misc]
+                lambda size, plane=plane: resized(plane, size),  # type: ignore[misc]
             )
 
     def add_coarse(self, names: Sequence[str], values: Float32) -> None:
@@ -168,7 +177,7 @@ class Planes:
         for name, plane in zip(names, values, strict=True):
             self.channels[name] = Channel(
                 lambda rows, columns, into, plane=plane: interpolate_into(plane, self.size, rows, columns, into),  # type: ignore[misc]
-                lambda size, plane=plane: _resized(plane, size),  # type: ignore[misc]
+                lambda size, plane=plane: resized(plane, size),  # type: ignore[misc]
             )
 
     def drop(self, name: str) -> None:
@@ -216,9 +225,3 @@ def _read_grey(planes: Sequence[Codes], rows: Indices, columns: Indices, into: F
         pick(plane, rows, columns, one)
         one *= np.float32(share * 2 / FULL_CODE)
         into += one
-
-
-def _resized(plane: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArray[Any]:
-    """(height, width, ...) by area where the result is smaller, else linearly."""
-    way = cv2.INTER_AREA if size[0] <= plane.shape[1] else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(np.ascontiguousarray(plane), size, interpolation=way))

@@ -17,7 +17,7 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.image_filters import blurred, by_strips, shrunk, stretched_to
 from service.light.formulas import BAND_GAIN, LUMINANCE, gradient, sh_basis
-from service.reflectance.planes import interpolated
+from service.reflectance.planes import read_window
 from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
 from service.reflectance.relief.folds import Creases
 from service.runtime.network_registry import EYES
@@ -239,15 +239,13 @@ def to_object(codes: npt.NDArray[np.int16], subject: Subject) -> npt.NDArray[np.
     frame = subject.chart.frame(subject.vertices)
     axes = [subject.chart.fill_outside(axis) for axis in (frame.tangent, frame.bitangent, frame.normal)]
     result = np.zeros((height, width, 3), np.int16)
-    columns = np.arange(width)
 
     def turn(strip: slice) -> None:
-        rows, local = np.r_[strip], unpack_normals(codes[strip])
+        local = unpack_normals(codes[strip])
         turned = np.zeros_like(local)
         for along, axis in enumerate(axes):
-            for component in range(3):
-                plane = interpolated(axis[..., component], (width, height), rows, columns)
-                turned[..., component] += local[..., along] * plane
+            here = read_window(np.moveaxis(axis, 2, 0), (width, height), strip)
+            turned += local[..., along : along + 1] * here
         # Interpolated axes are shorter than 1; where opposite ones cancel, the normal is set to forward, +Z.
         length = np.sqrt(np.einsum("yxi,yxi->yx", turned, turned))[..., None]
         forward = np.array([0, 0, 1], np.float32)

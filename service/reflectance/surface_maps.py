@@ -10,18 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, fields
-from typing import Any, TypeVar
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from service.arrays import AnyFloat, Float32, UInt8, UInt16
 from service.geometry.chart import Chart
 from service.geometry.mesh import vertex_normals
 from service.head.model import HeadModel
 from service.head.regions import part_vertices, vertex_mask
-from service.image_filters import blurred, shrunk
+from service.image_filters import blurred, resized, shrunk
 from service.materials.part import SKIN, material_of
 from service.reflectance.reflectance_maps import SCALE_MM, Reflectance
 from service.reflectance.subject import GEOMETRY_SIZE, coarse_chart
@@ -162,8 +159,6 @@ def flesh_mm(head: HeadModel, vertices: AnyFloat) -> Float32:
     return result
 
 
-Scalar = TypeVar("Scalar", bound=np.generic)
-
 LARGEST = (1152, 768)
 """Largest size of these maps: a texel is a third of a millimetre on the face, and they show little that is finer. Of
 smaller ones they have half the sides."""
@@ -212,13 +207,13 @@ def surface_maps(
     chart = Chart.build(head, *size) if size < GEOMETRY_SIZE else coarse_chart(head)
     specular = None if made is None else made.specular_albedo
     relief = None if made is None else made.displacement
-    oil = oil_of(chart, None if specular is None else _resized(specular, (chart.width, chart.height)))
+    oil = oil_of(chart, None if specular is None else resized(specular, (chart.width, chart.height)))
     thick = chart.fill_outside(chart.interpolate(flesh_mm(head, vertices) if flesh is None else flesh))[..., 0]
     open_sky = None if relief is None else cavity(relief, _texel_mm(head, vertices, size[0]), size)
     return SurfaceMaps(
-        roughness=_codes(_resized(roughness(chart, oil), size), 255) if "roughness" in wanted else None,
+        roughness=_codes(resized(roughness(chart, oil), size), 255) if "roughness" in wanted else None,
         cavity=_codes(open_sky, 255) if "cavity" in wanted and open_sky is not None else None,
-        thickness=_codes(_resized(thick, size), CODES_PER_MM) if "thickness" in wanted else None,
+        thickness=_codes(resized(thick, size), CODES_PER_MM) if "thickness" in wanted else None,
     )
 
 
@@ -232,13 +227,6 @@ def _texel_mm(head: HeadModel, vertices: AnyFloat, width: int) -> float:
     places = head.uv.astype(np.float64)[head.triangle_uv[chosen]] * (width, width * 2 / 3)
     length, texels = (np.linalg.norm(one[:, 1] - one[:, 0], axis=1) for one in (corners, places))
     return float(np.median(length * 1e3 / np.maximum(texels, 1e-9))) if len(length) else 1.0
-
-
-def _resized(image: npt.NDArray[Scalar], size: tuple[int, int]) -> npt.NDArray[Scalar]:
-    smaller = image.shape[1] > size[0]
-    pixels: Any = image
-    made = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
-    return np.asarray(made, image.dtype)
 
 
 def _codes(values: Float32 | None, scale: float) -> UInt8 | None:

@@ -13,6 +13,7 @@ from service.colour import bytes_to_linear
 from service.errors import BadArchive
 from service.geometry.chart import NO_PART, Chart
 from service.head.model import HeadModel
+from service.image_filters import resized
 from service.light.samples import LitChart
 from service.materials.part import SKIN
 
@@ -129,11 +130,7 @@ def build_surface(head: HeadModel, vertices: AnyFloat, maps: Mapping[str, Stored
 
 def _reduced(codes: UInt8, size: Size, values: Callable[[UInt8], Float32]) -> Float32:
     """(H, W, 3) float32 means of values of codes over the area of each texel."""
-    import cv2
-
-    small = _halved(codes, size, values)
-    way = cv2.INTER_AREA if codes.shape[1] > size[0] else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(small, size, interpolation=way), np.float32).reshape(size[1], size[0], 3)
+    return resized(_halved(codes, size, values), size).reshape(size[1], size[0], 3)
 
 
 def _halved(codes: UInt8, size: Size, values: Callable[[UInt8], Float32]) -> Float32:
@@ -153,14 +150,11 @@ def _normals(stored: StoredMap | None, axes: tuple[Float32, ...], size: Size) ->
 
     The mean of unit vectors is shorter than 1 by half their variance (Toksvig 2005).
     """
-    import cv2
-
     if stored is None:
         return axes[2], np.zeros(size[::-1], np.float32)
     unit, zero, scale = (np.float32(v) for v in (257.0 if stored.bits == 16 else 1.0, stored.zero, stored.scale))
     small = _halved(stored.codes(), size, lambda codes: _unit((codes * unit - zero) / scale)[0])
-    way = cv2.INTER_AREA if small.shape[1] > size[0] else cv2.INTER_LINEAR
-    local, length = _unit(np.asarray(cv2.resize(small, size, interpolation=way), np.float32))
+    local, length = _unit(resized(small, size))
     spread = np.clip(1.0 / np.clip(length, 0.5, 1.0) - 1.0, 0.0, 1.0)
     if stored.frame == "tangent":
         local = sum((local[..., i : i + 1] * axes[i] for i in range(3)), np.zeros_like(local))

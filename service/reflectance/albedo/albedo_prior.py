@@ -15,14 +15,13 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Float32
 from service.colour import LUMA
 from service.errors import ModelFault
-from service.image_filters import stretched_to
+from service.image_filters import shrunk, stretched_to
 
 FILE = Path(str(files("service"))) / "data" / "albedo" / "prior.npz"
 
@@ -125,10 +124,4 @@ def albedo_prior(bearded: bool) -> AlbedoPrior:
 
 def _shrunk(planes: Float32, shape: tuple[int, ...]) -> Float32:
     """(C, h, w) means over areas."""
-    size = (shape[1], shape[0])
-    return np.stack(
-        [
-            np.asarray(cv2.resize(np.ascontiguousarray(p, np.float32), size, interpolation=cv2.INTER_AREA))
-            for p in planes
-        ]
-    )
+    return np.stack([shrunk(np.ascontiguousarray(plane), (shape[1], shape[0])) for plane in planes])

@@ -17,7 +17,7 @@ from service.anatomy.canvas import PartTexels
 from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
 from service.geometry.chart import NO_PART, nearest_inside
 from service.image_filters import blurred, by_strips, least, shrunk
-from service.reflectance.planes import interpolated
+from service.reflectance.planes import read_window
 from service.reflectance.subject import Subject, margin
 
 BORDER = 6
@@ -46,16 +46,13 @@ def pad_skin(albedo: Codes, subject: Subject) -> Codes:
     islands = subject.islands((width, height))
     outside = cv2.dilate((islands == NO_PART).astype(np.uint8), np.ones((2 * BORDER + 1,) * 2, np.uint8)) > 0
     outside &= (islands == NO_PART) | (islands == skin)
-    columns = np.arange(width)
 
     def fill(strip: slice) -> None:
         chosen = outside[strip]
         if chosen.any():
-            rows = np.r_[strip]
-            chosen &= interpolated(planes[3], (width, height), rows, columns) > 0.999
-            for channel in range(3):
-                colours = interpolated(planes[channel], (width, height), rows, columns)[chosen]
-                albedo[strip, :, channel][chosen] = np.rint(colours).astype(albedo.dtype)
+            found = read_window(planes, (width, height), strip)
+            chosen &= found[..., 3] > 0.999
+            albedo[strip][chosen] = np.rint(found[chosen, :3]).astype(albedo.dtype)
 
     by_strips(height, fill)
     return albedo
@@ -97,15 +94,13 @@ def close_seam(albedo: Codes, subject: Subject) -> Codes:
     own = subject.islands(albedo.shape[1::-1])
     width, most = albedo.shape[1], int(FULL_CODE)
     reach = round(3 * SEAM * width / 576)
-    for columns in (np.arange(reach), np.arange(width - reach, width)):
-        beside = slice(columns[0], columns[-1] + 1)
+    for beside in (slice(0, reach), slice(width - reach, width)):
 
-        def add(strip: slice, columns: npt.NDArray[np.int64] = columns, beside: slice = beside) -> None:
-            chosen = np.isin(own[strip, beside], (NO_PART, part))
-            for channel in range(3):
-                change = interpolated(field[channel], albedo.shape[1::-1], np.r_[strip], columns) * chosen
-                moved = np.rint(np.clip(albedo[strip, beside, channel] + change, 0, most))
-                albedo[strip, beside, channel] = moved.astype(albedo.dtype)
+        def add(strip: slice, beside: slice = beside) -> None:
+            chosen = np.isin(own[strip, beside], (NO_PART, part))[..., None]
+            change = read_window(field, albedo.shape[1::-1], strip, beside) * chosen
+            moved = np.rint(np.clip(albedo[strip, beside] + change, 0, most))
+            albedo[strip, beside] = moved.astype(albedo.dtype)
 
         by_strips(albedo.shape[0], add)
     return albedo
@@ -145,10 +140,9 @@ def darkened(albedo: Codes, left: npt.NDArray[np.uint8]) -> Codes:
     """
     height, width = albedo.shape[:2]
     planes = np.ascontiguousarray(np.moveaxis(left, 2, 0), np.float32) / np.float32(255)
-    columns = np.arange(width)
 
     def darken(strip: slice) -> None:
-        factor = np.dstack([interpolated(plane, (width, height), np.r_[strip], columns) for plane in planes])
+        factor = read_window(planes, (width, height), strip)
         chosen = least(factor) < 1 - 1e-3
         if chosen.any():
             linear = _LINEAR_OF_CODE[albedo[strip][chosen]]

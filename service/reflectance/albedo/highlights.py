@@ -16,7 +16,7 @@ from service.colour import FULL_CODE, LUMA, Codes, linear_to_srgb, luma, srgb_to
 from service.image_filters import blurred, by_strips, least, marked_columns, most, ramp, shrunk, stretched_to
 from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo.corrections import Correction, Ledger, changed_texels
-from service.reflectance.planes import interpolated
+from service.reflectance.planes import read_window
 
 WIDTH = TEXTURE_SIZE[0]
 """Texels along the chart where highlights are sought: as many as the texture has, finer detail is the network's."""
@@ -68,6 +68,7 @@ def without_highlights(
         weight = weight * stretched_to(lit, size)
     change, told = highlights(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
     marked = most(np.abs(change)) > 0
+    changes, colours = (np.moveaxis(image, 2, 0) for image in (change, bare))
     if ledger is not None:
         ledger.count(HIGHLIGHTS, *changed_texels(bare, bare + change))
 
@@ -76,15 +77,11 @@ def without_highlights(
         if reached is None:
             return
         place = (strip, slice(*reached))
-        rows, columns = np.r_[place[0]], np.r_[place[1]]
-        planes = [interpolated(change[..., i], (width, height), rows, columns) for i in range(3)]
-        added = np.stack(planes, -1)
+        added, coarse, share = (read_window(planes, (width, height), *place) for planes in (changes, colours, [told]))
         chosen = (most(np.abs(added)) > 1e-4) & (skin[place] == 255)
         linear = srgb_to_linear(albedo[place][chosen] * np.float32(1 / FULL_CODE))
-        coarse = np.stack([interpolated(bare[..., i], (width, height), rows, columns)[chosen] for i in range(3)], -1)
-        share = interpolated(told, (width, height), rows, columns)[chosen]
-        new = coarse + added[chosen]
-        linear = np.maximum(new + skin_detail(linear - coarse, new, share), LEAST * linear)
+        new = coarse[chosen] + added[chosen]
+        linear = np.maximum(new + skin_detail(linear - coarse[chosen], new, share[chosen, 0]), LEAST * linear)
         changed = np.rint(linear_to_srgb(linear) * FULL_CODE).astype(np.uint16)
         if grey is not None:
             more = (changed.astype(np.float32) - albedo[place][chosen]) @ LUMA

@@ -21,7 +21,7 @@ from service.geometry.chart import Chart, chart_points
 from service.head.model import HeadModel
 from service.image_filters import by_strips, shrunk, stretched_to
 from service.manifest import Integration
-from service.reflectance.planes import interpolated
+from service.reflectance.planes import read_window
 from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
 from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, cliff_part, divergence, solve
 from service.reflectance.translate import MOST_ACROSS, STEEPEST_Z
@@ -212,14 +212,11 @@ def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Bool) -> tu
     """(H, W) change of height in mm per texel to the right and per texel down, and (H, W) bool, where it is known."""
     height, width = mask.shape
     right, down, usable = np.zeros(mask.shape, np.float32), np.zeros(mask.shape, np.float32), mask.copy()
-    columns = np.arange(width)
     to_texel = np.float32(steps.width / width)
 
     def fill(band: slice) -> None:
-        along, lean, across = (
-            interpolated(part, (width, height), np.r_[band], columns) * to_texel
-            for part in (steps.along, steps.lean, steps.across)
-        )
+        planes = read_window((steps.along, steps.lean, steps.across), (width, height), band)
+        along, lean, across = np.moveaxis(planes * to_texel, 2, 0)
         slope_x, slope_y, sound = slopes(unpack_normals(normals[band]))
         right[band] = slope_x * along
         down[band] = -(slope_x * lean + slope_y * across)

@@ -28,7 +28,7 @@ from service.geometry.chart import Chart
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.image_filters import blurred, by_strips, marked_columns, most, shrunk
-from service.reflectance.planes import interpolated
+from service.reflectance.planes import read_window
 from service.reflectance.reflectance_maps import NORMAL_ONE, Wrinkle, unpack_normals
 
 
@@ -276,7 +276,7 @@ def unfolded_albedo(albedo: UInt16, creases: Creases) -> UInt16:
     out = albedo.copy()
 
     def lighten(rows: slice, columns: slice) -> None:
-        part = np.dstack([_enlarged(one, albedo.shape, rows, columns) for one in lacks])
+        part = read_window(lacks, albedo.shape[1::-1], rows, columns)
         out[rows, columns] = np.minimum(np.rint(albedo[rows, columns] + np.maximum(part, 0)), 65535)
 
     _each_around(np.maximum.reduce(lacks) > 1, albedo.shape, lighten)
@@ -336,7 +336,7 @@ def unfolded(codes: npt.NDArray[np.int16], fold: Float32) -> npt.NDArray[np.int1
     def unfold(rows: slice, columns: slice) -> None:
         own = codes[rows, columns]
         x, y, z = np.moveaxis(unpack_normals(own), 2, 0)
-        less = np.dstack([_enlarged(fold[..., k], codes.shape, rows, columns) for k in (0, 1)])
+        less = read_window(np.moveaxis(fold, 2, 0), codes.shape[1::-1], rows, columns)
         steep = -np.dstack([x, y]) / np.maximum(z, 0.05)[..., None] - less
         out[rows, columns] = np.where(most(np.abs(less))[..., None] > 0, _codes(steep), own)
 
@@ -354,8 +354,3 @@ def _each_around(mask: Bool, shape: tuple[int, ...], change: Callable[[slice, sl
             change(rows, slice(*columns))
 
     by_strips(tall, work)
-
-
-def _enlarged(plane: Float32, shape: tuple[int, ...], rows: slice, columns: slice) -> Float32:
-    """Values of a small plane at texels of the full map."""
-    return interpolated(plane, (shape[1], shape[0]), np.r_[rows], np.r_[columns])

@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 
 from service.arrays import Bool, Float32
-from service.image_filters import by_strips
+from service.image_filters import by_strips, resized
 
 TOLERANCE = 3e-3
 """Relative residual, in the norm of the preconditioner, at which the solver stops: errors are at most a thousandth of
@@ -340,19 +340,19 @@ def cliff_part(right: Float32, down: Float32, mask: Bool, texel_mm: Float32) -> 
     tall, wide = mask.shape
     factor = max(wide / WIDTH, 1.0)
     size = (round(wide / factor), round(tall / factor))
-    weight = _shrunk(mask.astype(np.float32), size)
+    weight = resized(mask.astype(np.float32), size)
     known = weight > 0.5
     mean = np.where(known, np.float32(factor) / np.maximum(weight, 0.5), 0)
-    mm = _shrunk(texel_mm, size) * np.float32(factor)
+    mm = resized(texel_mm, size) * np.float32(factor)
     known &= mm > 0
     coarse_right, coarse_down = (
-        np.asarray(_shrunk(np.where(mask, slope, 0), size) * mean, np.float32) for slope in (right, down)
+        np.asarray(resized(np.where(mask, slope, 0), size) * mean, np.float32) for slope in (right, down)
     )
     plain = integrate(coarse_right, coarse_down, known).height
     found = integrate_robustly(coarse_right, coarse_down, known, mm, plain)
     difference = found.height - plain
     _pad(difference, known)
-    full = difference if size == (wide, tall) else cv2.resize(difference, (wide, tall), interpolation=cv2.INTER_LINEAR)
+    full = resized(difference, (wide, tall))
     return np.asarray(full * mask, np.float32), found.cut
 
 
@@ -378,14 +378,6 @@ def _weights(residuals: tuple[Float32, Float32], scale: np.float32) -> Edges:
     ratios = (np.minimum(part / scale, 1e6) for part in residuals)
     parts = (np.maximum(1 / np.square(1 + np.square(ratio)), LEAST_WEIGHT) for ratio in ratios)
     return Edges(*(np.asarray(part, np.float32) for part in parts))
-
-
-def _shrunk(values: Float32, size: tuple[int, int]) -> Float32:
-    """(h, w) values at a size (width, height), by area where that is smaller, else linearly."""
-    if values.shape[::-1] == size:
-        return np.asarray(values, np.float32)
-    way = cv2.INTER_AREA if size[0] <= values.shape[1] else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(np.asarray(values, np.float32), size, interpolation=way))
 
 
 def _pad(values: Float32, known: Bool) -> None:

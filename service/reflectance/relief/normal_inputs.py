@@ -29,7 +29,7 @@ from service.colour import FULL_CODE, LUMA, Codes
 from service.image_filters import blurred, by_strips, shrunk, stretched_to
 from service.manifest import Octave
 from service.reflectance.albedo.light_corrections import continued
-from service.reflectance.planes import Planes, interpolated
+from service.reflectance.planes import Planes, read_window
 from service.reflectance.relief.shade_update import RELIEF
 from service.reflectance.subject import GEOMETRY_SIZE
 from service.runtime.network_registry import CONTEXT, LIT, REGISTRY, SHADED_GREY
@@ -132,10 +132,10 @@ def without_border(grey: Codes, planes: Planes) -> Codes:
     both = blurred(np.dstack([small * outside, outside]), GRAIN)
     grain = small - both[..., 0] / np.maximum(both[..., 1], np.float32(1e-3))
     smooth = continued(small[None], inside)[0] + outside * grain
-    change, columns = (1 - inside) * (smooth - small), np.arange(width)
+    change = (1 - inside) * (smooth - small)
 
     def add(rows: slice) -> None:
-        more = interpolated(change, (width, height), np.r_[rows], columns)
+        more = read_window([change], (width, height), rows)[..., 0]
         grey[rows] = np.rint(np.clip(grey[rows] + more, 0, FULL_CODE))
 
     by_strips(height, add)
