@@ -20,7 +20,18 @@ from typing import Any, BinaryIO, NamedTuple
 from PIL import ExifTags, Image, ImageChops, ImageCms, ImageFile, PngImagePlugin
 from PIL import TiffImagePlugin as _TiffImagePlugin  # noqa: F401 - else read with the first EXIF, where no file can be
 
-from service.photo.wire import FOCAL_RANGE_MM, READY, Codec, Note, Output, Reply, Request, Status, lower_limits
+from service.photo.wire import (
+    FOCAL_RANGE_MM,
+    READY,
+    REPLY_SIZE,
+    Codec,
+    Note,
+    Output,
+    Reply,
+    Request,
+    Status,
+    lower_limits,
+)
 
 MAX_ICC_BYTES = 4 * 1024**2
 """Largest colour profile that is looked at; printer profiles with tables stay below 3 MB."""
@@ -400,17 +411,18 @@ def _write_pixels(decoded: Decoded, out: BinaryIO) -> None:
 
 
 def _limit_spending(request: Request) -> None:
-    """Memory, processor time and an own alarm clock, in case that nobody is left to kill this process."""
+    """Memory, time, bytes written, and an own alarm clock, in case that nobody is left to kill this process."""
     if sys.platform != "win32":
         signal.alarm(math.ceil(request.wall_seconds) + 1)
-        lower_limits(CPU=request.cpu_seconds, CORE=0)
+        largest = len(READY) + REPLY_SIZE + request.max_pixels * request.output.channels
+        lower_limits(CPU=request.cpu_seconds, CORE=0, FSIZE=largest)
     if sys.platform == "linux":
         lower_limits(AS=request.memory_bytes)
 
 
 def _give_up_files() -> None:
-    """No new descriptor, no byte written to a file, no program loaded."""
+    """No new descriptor, no program loaded."""
     if sys.platform == "linux":
         # A descriptor limit below the next free number refuses open, socket and pipe, and with them the loader of any
         # program that would be started.
-        lower_limits(NOFILE=0, FSIZE=0, NPROC=0)
+        lower_limits(NOFILE=0, NPROC=0)

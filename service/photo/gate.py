@@ -21,9 +21,10 @@ import os
 import signal
 import subprocess
 import sys
-import threading
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO
+from typing import BinaryIO
 
 import numpy as np
 
@@ -132,7 +133,6 @@ def _check(reply: Reply, container: Container, limits: Limits) -> None:
 
 
 _BOOT = "import sys; sys.path[:0] = sys.argv[1:]; from service.photo.decoder import main; sys.exit(main())"
-_PIECE = 1 << 20
 _KEPT_ENVIRONMENT = ("SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
 
 
@@ -142,7 +142,7 @@ def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple
     Args:
         request: what to decode.
         limits: bounds on the size of the reply and on the time.
-        keep: False throws the pixels away as they come, for callers that only want to know that they would.
+        keep: False leaves the pixels, for callers that only want to know that they would come.
 
     Returns:
         The checked reply and its pixels, or none where the status is not DONE.
@@ -153,25 +153,50 @@ def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple
         UnsupportedFormat: HEIC is asked for and its decoder is not installed.
         AvatarError: the process could not be started, or broke its protocol; not the photo's fault.
     """
-    process = _start(request.codec)
-    ended = threading.Event()
-    watchdog = threading.Timer(limits.wall_seconds, _expire, (process, ended))
-    feeder = threading.Thread(target=_feed, args=(process, request), daemon=True)
-    watchdog.start()
-    feeder.start()
-    try:
-        started, reply, pixels = _read(process, request.output.channels, limits, keep)
-        status = process.wait()
-    finally:
-        watchdog.cancel()
-        _kill(process)
-        process.wait()
-        feeder.join()
-        if process.stdout is not None:
-            process.stdout.close()
-    if reply is None:
-        raise _explain(started, status, ended.is_set(), limits)
+    environment = {name: os.environ[name] for name in _KEPT_ENVIRONMENT if name in os.environ}
+    with written_apart(
+        decoder_command(request.codec), limits.wall_seconds, environment, request.pack() + request.payload
+    ) as (status, out):
+        started, pixels = out.read(1) == READY, bytearray()
+        reply = _reply(out, request.output.channels, limits) if started and status is not None else None
+        if reply is None:
+            raise _explain(started, status, limits)
+        if keep and reply.status == Status.DONE:
+            pixels = bytearray(reply.width * reply.height * request.output.channels)
+            out.readinto(pixels)  # type: ignore[attr-defined]
     return reply, pixels
+
+
+@contextlib.contextmanager
+def written_apart(
+    command: Sequence[str], seconds: float, environment: Mapping[str, str], given: bytes = b""
+) -> Iterator[tuple[int | None, BinaryIO]]:
+    """What a program of ours writes in a process of its own, which limits the size of that itself.
+
+    Args:
+        command: our own interpreter with our own code.
+        seconds: after which it is stopped.
+        environment: its variables, all of them.
+        given: on its standard input.
+
+    Yields:
+        Its exit status, None where it was stopped; and its standard output, kept in memory where the system can.
+
+    Raises:
+        AvatarError: it could not be started.
+    """
+    with os.fdopen(os.memfd_create("out"), "w+b") if sys.platform == "linux" else tempfile.TemporaryFile() as out:
+        try:
+            status: int | None = subprocess.run(  # noqa: S603 - our own interpreter and our own code, no shell
+                command, input=given, stdout=out, stderr=subprocess.DEVNULL, env=environment, timeout=seconds,
+                start_new_session=True, check=False,
+            ).returncode  # fmt: skip
+        except subprocess.TimeoutExpired:
+            status = None
+        except OSError as fault:
+            raise AvatarError("the process that decodes photos and videos could not be started") from fault
+        out.seek(0)
+        yield status, out
 
 
 def decoder_command(codec: Codec) -> list[str]:
@@ -205,79 +230,23 @@ def _package_root(name: str) -> str:
     raise AvatarError(f"the package {name}, which decodes photos, is not installed")
 
 
-def _start(codec: Codec) -> subprocess.Popen[bytes]:
-    command = decoder_command(codec)
-    environment = {name: os.environ[name] for name in _KEPT_ENVIRONMENT if name in os.environ}
+def _reply(out: BinaryIO, channels: int, limits: Limits) -> Reply | None:
+    """The reply, where it is whole, within the limits and followed by as many bytes of pixels as it states."""
     try:
-        return subprocess.Popen(  # noqa: S603 - our own interpreter and our own code, no shell
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=environment,
-            start_new_session=True,
-        )
-    except OSError as fault:
-        raise AvatarError("the process that decodes photos could not be started") from fault
-
-
-def _feed(process: subprocess.Popen[bytes], request: Request) -> None:
-    # A process that ended early leaves a broken pipe; what it said, or its exit status, tells the rest.
-    with contextlib.suppress(OSError, ValueError):
-        pipe = _pipe(process.stdin)
-        try:
-            pipe.write(request.pack())
-            pipe.write(request.payload)
-        finally:
-            pipe.close()
-
-
-def _read(
-    process: subprocess.Popen[bytes], channels: int, limits: Limits, keep: bool
-) -> tuple[bool, Reply | None, bytearray]:
-    """Returns (the process has started, its reply where it is whole and within the limits, pixels)."""
-    pipe = _pipe(process.stdout)
-    if pipe.read(1) != READY:
-        return False, None, bytearray()
-    try:
-        reply = Reply.parse(pipe.read(REPLY_SIZE))
+        reply = Reply.parse(out.read(REPLY_SIZE))
     except ValueError:
-        return True, None, bytearray()
+        return None
     if reply.status != Status.DONE:
-        return True, reply, bytearray()
+        return reply
     if max(reply.width, reply.height) > limits.max_side or reply.width * reply.height > limits.max_pixels:
-        return True, None, bytearray()
-    size = reply.width * reply.height * channels
-    pixels = bytearray(size if keep else min(size, _PIECE))
-    view = memoryview(pixels)
-    filled = 0
-    while filled < size:
-        count = pipe.readinto(view[filled:] if keep else view[: size - filled])  # type: ignore[attr-defined]
-        if not count:
-            return True, None, bytearray()
-        filled += count
-    return True, (None if pipe.read(1) else reply), pixels if keep else bytearray()
+        return None
+    rest = os.fstat(out.fileno()).st_size - out.tell()
+    return reply if rest == reply.width * reply.height * channels else None
 
 
-def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:
-    if pipe is None:
-        raise AvatarError("the process that decodes photos has no pipe")
-    return pipe
-
-
-def _expire(process: subprocess.Popen[bytes], ended: threading.Event) -> None:
-    ended.set()
-    _kill(process)
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    if process.poll() is None:
-        process.kill()
-
-
-def _explain(started: bool, status: int, out_of_time: bool, limits: Limits) -> AvatarError:
+def _explain(started: bool, status: int | None, limits: Limits) -> AvatarError:
     """What it means that there is no reply."""
-    if out_of_time or (sys.platform != "win32" and status in (-signal.SIGXCPU, -signal.SIGKILL, -signal.SIGALRM)):
+    if status is None or (sys.platform != "win32" and status in (-signal.SIGXCPU, -signal.SIGKILL, -signal.SIGALRM)):
         return TooComplex(
             f"decoding took more than {limits.cpu_seconds} s of computing, {limits.wall_seconds:g} s in all "
             f"or {limits.memory_bytes // 1024**2} MiB of memory"

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import os
 import struct
-import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from service.errors import AvatarError, CorruptImage, TooComplex, TooManyBytes, TooManyPixels
+from service.errors import CorruptImage, TooComplex, TooManyBytes, TooManyPixels
+from service.photo.gate import written_apart
 from service.photo.wire import lower_limits
 
 
@@ -44,6 +44,8 @@ class VideoLimits:
 _BOOT = "import sys; sys.path.insert(0, sys.argv.pop(1)); from service.photo.video import main; main(*sys.argv[1:])"
 NO_VIDEO, TOO_LARGE = 3, 4
 """Exit statuses of the process."""
+MOST_OF_A_FRAME = 32 << 20
+"""Bytes of a frame as a JPEG file."""
 HEADER = struct.Struct(">I")
 """Length of the frame that follows; 0 ends."""
 HEIF = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif")
@@ -71,19 +73,13 @@ def sharp_frames(data: bytes, limits: VideoLimits = VideoLimits()) -> list[bytes
         numbers = (limits.moments, limits.max_frames, limits.max_pixels, limits.memory_bytes, limits.cpu_seconds)
         root = Path(__file__).resolve().parents[2]
         command = [sys.executable, "-E", "-s", "-c", _BOOT, str(root), str(path), *map(str, numbers)]
-        try:
-            done = subprocess.run(  # noqa: S603 - our own interpreter and program, no shell
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                timeout=limits.wall_seconds, check=False, cwd=folder, env={},
-            )  # fmt: skip
-        except subprocess.TimeoutExpired as error:
-            raise TooComplex(f"reading the video took more than {limits.wall_seconds:g} s") from error
-        except OSError as error:
-            raise AvatarError("the process that reads videos could not be started") from error
-    if done.returncode == TOO_LARGE:
+        with written_apart(command, limits.wall_seconds, {}) as (status, out):
+            frames = _frames(out.read())
+    if status is None:
+        raise TooComplex(f"reading the video took more than {limits.wall_seconds:g} s")
+    if status == TOO_LARGE:
         raise TooManyPixels(f"the frames of the video have more than {limits.max_pixels} pixels")
-    frames = _frames(done.stdout)
-    if not frames and done.returncode in (-9, -24):
+    if not frames and status in (-9, -24):
         raise TooComplex(f"reading the video takes more than {limits.cpu_seconds} s of computing")
     if not frames:
         raise CorruptImage("the video cannot be read; MP4, QuickTime and WebM are")
@@ -113,7 +109,7 @@ def main(path: str, *numbers: str) -> None:
     cv2.setNumThreads(1)
     capture = cv2.VideoCapture(path, cv2.CAP_FFMPEG)
     if sys.platform == "linux":
-        lower_limits(CPU=seconds, AS=memory, CORE=0, FSIZE=0, NOFILE=0)
+        lower_limits(CPU=seconds, AS=memory, CORE=0, FSIZE=moments * MOST_OF_A_FRAME, NOFILE=0)
     if not capture.isOpened():
         sys.exit(NO_VIDEO)
     width, height = (int(capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
