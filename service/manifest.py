@@ -292,8 +292,6 @@ class GazeEntry(_Strict):
     """> 0 upwards."""
     irises_seen: Annotated[int, Interval(ge=0, le=2)]
     """Number of eyes it was measured on. 0: not visible, and the eyes look straight ahead (warning "gaze-not-seen")."""
-    pupil_mm: Annotated[float, Interval(gt=0, lt=12)] | None = None
-    """Width of the pupils; null where the photo does not tell, and they are as wide as in a lit room, 3.8 mm."""
 
 
 @dataclasses.dataclass(frozen=True)

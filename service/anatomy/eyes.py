@@ -211,9 +211,8 @@ def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None, step: int = 1) -
     if not all(len(part_vertices(head, f"eye_{side}")) for side in SIDES):
         return ()
     colour = IRIS if iris is None else np.asarray(iris, np.float32)
-    pupil_m = None if fit.gaze is None else fit.gaze.pupil_m
-    picture = OwnMap("eyes", eye_picture(head, colour, pupil_m, SIZE // step))
-    relief = OwnMap("eyes_normal", surface_picture(head, pupil_m, RELIEF_SIZE // step))
+    picture = OwnMap("eyes", eye_picture(head, colour, SIZE // step))
+    relief = OwnMap("eyes_normal", surface_picture(head, RELIEF_SIZE // step))
     glassy = Material("eye", colour_map=picture, roughness=FILM_ROUGHNESS, ior=FILM_INDEX, normal_map=relief)
     wet = Material("eye_tears", LID_MARGIN, roughness=0.05, ior=1.336, double_sided=True)
     flesh = Material("eye_caruncle", CARUNCLE, roughness=0.35, ior=1.4)
@@ -222,7 +221,7 @@ def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None, step: int = 1) -
         bone: Bone = "eye_left" if side == "left" else "eye_right"
         own = part_vertices(head, f"eye_{side}")
         ball = Eyeball.of(head.mean[own].astype(np.float64))
-        points, faces, places = globe(ball, pupil_m)
+        points, faces, places = globe(ball)
         name = f"eye_{side}"
         made.append(_on_ball(f"{name}_ball", head, fit, own, points, faces, places, glassy, bone, (name,)))
         edges = lid_edges(head, side)
@@ -232,9 +231,9 @@ def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None, step: int = 1) -
     return tuple(made)
 
 
-def globe(ball: Eyeball, pupil_m: float | None = None) -> tuple[Float64, Int32, Float32]:
+def globe(ball: Eyeball) -> tuple[Float64, Int32, Float32]:
     """(N, 3) metres, (F, 4) faces and (N, 2) places on the picture of a ball whose iris lies behind the cornea."""
-    limbus, pupil = np.radians(ball.limbus_deg), np.radians(ball.pupil_deg(pupil_m))
+    limbus, pupil = np.radians(ball.limbus_deg), np.radians(ball.pupil_deg)
     rim, hole = ball.radius * np.sin(limbus), ball.radius * np.sin(pupil)
     plane = ball.radius * np.cos(limbus)
     # Pupil, iris, then the sphere; radius and depth of every ring.
@@ -251,13 +250,12 @@ def globe(ball: Eyeball, pupil_m: float | None = None) -> tuple[Float64, Int32, 
     return points + ball.centre, faces, uv.astype(np.float32)
 
 
-def eye_picture(head: HeadModel, iris: Float32, pupil_m: float | None = None, size: int = SIZE) -> UInt8:
+def eye_picture(head: HeadModel, iris: Float32, size: int = SIZE) -> UInt8:
     """(size, size, 3) uint8 sRGB of an eye seen along its line of sight, opened out to the back.
 
     Args:
         head: of whose left eye the angles of iris and pupil are.
         iris: (3,) linear albedo.
-        pupil_m: radius of the pupil, metres; None: that of a lit room.
         size: of a side, texels.
     """
     ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
@@ -272,23 +270,22 @@ def eye_picture(head: HeadModel, iris: Float32, pupil_m: float | None = None, si
     direction = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)], 1)
     eye = DrawnEye(
         (angle / limbus).astype(np.float32), azimuth.astype(np.float32), direction.astype(np.float32),
-        ball.limbus_deg, ball.pupil_deg(pupil_m), 2 / (size * IRIS_SHARE),
+        ball.limbus_deg, ball.pupil_deg, 2 / (size * IRIS_SHARE),
     )  # fmt: skip
     canvas = Canvas(size)
     canvas.put(np.arange(size * size), eye_albedo(eye, iris))
     return canvas.picture()
 
 
-def surface_picture(head: HeadModel, pupil_m: float | None = None, size: int = RELIEF_SIZE) -> UInt8:
+def surface_picture(head: HeadModel, size: int = RELIEF_SIZE) -> UInt8:
     """(size, size, 3) uint8 normals of cornea and tear film about those of the ball's mesh, 128 + 127 n.
 
     Args:
         head: of whose left eye the cornea is.
-        pupil_m: radius of the pupil, metres; None: that of a lit room.
         size: of a side, texels.
     """
     ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
-    points, faces, uv = globe(ball, pupil_m)
+    points, faces, uv = globe(ball)
     normals = area_normals(points, part_triangles(faces)).astype(np.float64)
     # One meridian of the mesh: place on the picture, and its normal, which renderers interpolate along the meridian.
     row = np.r_[0, np.arange(1, len(points), SEGMENTS)]

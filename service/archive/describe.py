@@ -17,7 +17,6 @@ from service.archive.container import MEMBERS, in_order
 from service.archive.glb import weights_by_name
 from service.archive.maps import MapFiles, coding, frame, wrinkle_of
 from service.archive.surfaces import JOINTS, PARENTS, skeleton
-from service.face.features.eyes import Gaze
 from service.face.fit.fit import Fit
 from service.hair.style import style_to_json
 from service.hair.worn_hair import WornHair
@@ -218,11 +217,6 @@ def _fit(avatar: Avatar) -> m.FitReport:
         visible_fraction=float(avatar.texture.visible_fraction),
         identity_similarity=avatar.similarity,
         light=None if fit.light is None else m.Light("sh9", "camera", fit.light.tolist()),
-        gaze=None if fit.gaze is None else _gaze(fit.gaze),
+        gaze=None if fit.gaze is None else _taken(m.GazeEntry, fit.gaze, irises_seen=len(fit.gaze.irises)),
         expression=weights_by_name(avatar.head.expression_names, fit.expression),
     )
-
-
-def _gaze(gaze: Gaze) -> m.GazeEntry:
-    pupil = None if gaze.pupil_m is None else round(2e3 * gaze.pupil_m, 2)
-    return _taken(m.GazeEntry, gaze, irises_seen=len(gaze.irises), pupil_mm=pupil)

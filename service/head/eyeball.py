@@ -12,7 +12,7 @@ from service.head.regions import part_vertices
 
 SIDES = ("left", "right")
 IRIS_RADIUS_M, PUPIL_RADIUS_M = 0.00585, 0.0019
-"""Of adults: the iris is 11.7 mm wide in nearly everybody; the pupil is that of a lit room, where no photo tells."""
+"""Of adults: the iris is 11.7 mm wide in nearly everybody; the pupil is that of a lit room."""
 
 LEAST_RADIUS_M = 1e-4
 """Radius in metres from which a part of a head counts as an eyeball."""
@@ -44,9 +44,10 @@ class Eyeball:
         """Degrees between the line of sight and the limbus, the iris's rim."""
         return self._angle(IRIS_RADIUS_M)
 
-    def pupil_deg(self, radius_m: float | None = None) -> float:
-        """Degrees between the line of sight and the rim of a pupil of a radius in metres; None: ``PUPIL_RADIUS_M``."""
-        return self._angle(PUPIL_RADIUS_M if radius_m is None else radius_m)
+    @property
+    def pupil_deg(self) -> float:
+        """Degrees between the line of sight and the pupil's rim."""
+        return self._angle(PUPIL_RADIUS_M)
 
     def _angle(self, radius_m: float) -> float:
         return float(np.degrees(np.arcsin(min(radius_m / max(self.radius, 1e-6), 0.9))))

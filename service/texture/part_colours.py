@@ -125,8 +125,7 @@ def paint_parts(
             continue
         if name.startswith("eye"):
             ball, points = on_eyeball(chart, index)
-            pupil = ball.pupil_deg(None if fit.gaze is None else fit.gaze.pupil_m)
-            painted = paint_eye(sight_angle(ball, points), ball.limbus_deg, pupil, iris)
+            painted = paint_eye(sight_angle(ball, points), ball.limbus_deg, ball.pupil_deg, iris)
             shaded = np.asarray(light.on(light.of_photo(painted)) * lid_shade(ball, points), np.float32)
             work.part(texels, painted, shaded, eyes_seen[texels], unwrapped.colour)
         else:

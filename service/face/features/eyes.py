@@ -21,7 +21,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Float32, Float64, UInt8
-from service.face.features.iris import Iris, Search, pupil_radius, search
+from service.face.features.iris import Iris, Search, search
 from service.face.features.rims import RIMS, Followed, Rim, fit_to_rim
 from service.geometry.camera import Camera
 from service.head.eyeball import IRIS_RADIUS_M, SIDES, Eyeball, eyeball, pole
@@ -30,7 +30,7 @@ from service.head.regions import lid_edges, part_vertices
 from service.robust import smoothstep
 
 LID_UNITS = ("eyeBlink", "eyeSquint", "eyeWide")
-"""Expression units of the lids. They undo what the units ``eyeLook*`` do to the lids."""
+"""Expression units of the lids."""
 
 MOST_OFFSET = 0.5
 """Largest distance, in iris radii, of an iris from its place in the common direction: eyes converge, fits err."""
@@ -50,13 +50,11 @@ class Gaze:
         yaw_deg: > 0 to the subject's left.
         pitch_deg: > 0 upwards.
         irises: those it was measured on, 0 to 2; with none the gaze is assumed to be straight ahead.
-        pupil_m: radius of the pupils, metres; None where the photo does not tell.
     """
 
     yaw_deg: float
     pitch_deg: float
     irises: tuple[Iris, ...] = ()
-    pupil_m: float | None = None
 
 
 def find_gaze(
@@ -102,8 +100,7 @@ def find_gaze(
         return Gaze(0.0, 0.0)
     weight = np.array([iris.contrast for iris, _ in seen])
     yaw, pitch = weight @ np.stack([angles for _, angles in seen]) / weight.sum()
-    irises = tuple(iris for iris, _ in seen)
-    return Gaze(float(yaw), float(pitch), irises, pupil_radius(pixels, irises))
+    return Gaze(float(yaw), float(pitch), tuple(iris for iris, _ in seen))
 
 
 def _common_direction(eyes: list[tuple[Search, Eyeball]], camera: Camera) -> Float64:
@@ -140,7 +137,7 @@ def _angles(camera: Camera, ball: Eyeball, pixel: Float64) -> Float64:
 
 
 def with_gaze(head: HeadModel, neutral: AnyFloat, expression: Float64, gaze: Gaze) -> Float64:
-    """(E,) expression, all in [0, 1], whose eyes look along a gaze while the lids stay where they were.
+    """(E,) expression, all in [0, 1], whose eyes look along a gaze; :func:`lids_on_rims` sets the lids anew.
 
     Args:
         head: the model; an eye without eyeball or without the units ``eyeLook*`` keeps its activations.
@@ -168,28 +165,7 @@ def with_gaze(head: HeadModel, neutral: AnyFloat, expression: Float64, gaze: Gaz
             unit = plus if wanted > 0 else minus
             step = abs(float(head.expression[unit, ahead, axis]))
             out[unit] = min(abs(wanted) / step, 1.0) if step > 1e-5 else 0.0
-        _keep_lids(head, side, expression, out)
     return out
-
-
-def _keep_lids(head: HeadModel, side: str, before: Float64, after: Float64) -> None:
-    """Change the lid units of ``after`` in place so that the lids move least, by bounded least squares."""
-    from scipy.optimize import lsq_linear
-
-    region = f"eyelid_{side}"
-    names = {f"{unit}{side.capitalize()}" for unit in LID_UNITS}
-    units = [k for k, name in enumerate(head.expression_names) if name in names]
-    if region not in head.region_names or not units:
-        return
-    lids = np.flatnonzero(head.region(region) > 0.5)
-    if not len(lids):
-        return
-    moved = np.tensordot(before - after, head.expression[:, lids].astype(np.float64), 1).ravel()
-    basis = head.expression[units][:, lids].reshape(len(units), -1).T.astype(np.float64)
-    ridge = 0.1 * np.linalg.norm(basis, axis=0).max() * np.eye(len(units))
-    low, high = -before[units], 1.0 - before[units]
-    solved = lsq_linear(np.vstack([basis, ridge]), np.r_[moved, np.zeros(len(units))], (low - 1e-9, high + 1e-9))
-    after[units] = np.clip(before[units] + solved.x, 0.0, 1.0)
 
 
 LASH_ROOTS = 0.007

@@ -1,10 +1,7 @@
-"""Lips and teeth of the photo: lips on their rim, which pixels are teeth, their colour, light, and where they end.
+"""Lips and teeth of the photo: lips on their rim, which pixels are teeth, their colour, and the light on them.
 
 A gap of a millimetre between the lips of a closed mouth shows as a white line of teeth. The landmark network itself
 leaves such a gap between closed lips; so where no teeth are seen and the gap is small, the mouth is closed.
-
-How much of the teeth a smile shows differs between people by some millimetres, and no landmark measures it. An upper
-row that is too high leaves a black band between it and the lower lip.
 """
 
 from __future__ import annotations
@@ -19,7 +16,6 @@ from service.colour import luma, srgb_to_linear
 from service.face.features.eyes import SeenRims
 from service.face.features.rims import LEAST_FACING, RIMS, Rim, fit_to_rim, inside_rim
 from service.face.fit.fit import Fit
-from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.head.regions import lip_edges
 
@@ -149,84 +145,3 @@ def teeth_light(tooth: Float32, skin: npt.ArrayLike) -> Float64 | None:
     # Smallest green over red and blue over red of teeth, each divided by the skin's, which cancels the colour of the
     # light. By their reflectances it is 1.4 and more; of lips and tongue below 1.
     return np.asarray(shown / TOOTH.astype(np.float64)) if (ratio >= (1.25, 1.3)).all() else None
-
-
-ROW = "teeth_upper"
-"""Part of the head that is moved."""
-
-PLACES = np.linspace(0.36, 0.64, 13)
-"""Places of the incisors, from one corner of the mouth (0) to the other (1), at which the edge is sought."""
-
-LEAST_PX = 3.0
-"""Smallest height of a tooth in pixels: less is blur between the lips."""
-
-GAP_M, LEAST_TOOTH_M = 0.0006, 0.002
-"""Largest height of a gap (a glint, noise) that does not end a tooth, and smallest height of a tooth."""
-
-MOST_DROP_M = 0.004
-"""Largest drop: with more the row would penetrate the lower lip of a closed mouth."""
-
-
-def teeth_drop(
-    pixels: UInt8,
-    teeth: AnyFloat,
-    camera: Camera,
-    rim_points: AnyFloat,
-    skin: Float32,
-) -> float:
-    """Metres, in [0, ``MOST_DROP_M``], by which the upper teeth of the photo end below those of the head.
-
-    Args:
-        pixels: (H, W, 3) uint8 sRGB.
-        teeth: (N, 3) metres, head space, vertices of the upper row with expression; N is 0 without one.
-        camera: of the fit.
-        rim_points: (20, 2) photo pixels of the opening between the lips, in the order of ``RIMS``.
-        skin: (3,) sRGB of the face.
-    """
-    rim = Rim.of(np.asarray(rim_points, np.float64), camera.rotation[:2, 1], (0.0, 1.0))
-    if not len(teeth) or rim is None or not -camera.rotation[2, 2] >= LEAST_FACING:
-        return 0.0
-    depth = camera.to_camera(teeth)[:, 2]
-    if (depth <= 1e-6).any():
-        return 0.0
-    scale = camera.focal_px / float(depth.min())
-    offset = camera.project(teeth) - rim.corner
-    place, height = offset @ rim.along, offset @ rim.across
-    drops = []
-    for one in PLACES:
-        # The model's edge there: the lowest vertex within about the width of a tooth, 6 mm.
-        near = np.abs(place - one) * rim.length < 0.006 * scale
-        seen = _edge(pixels, rim, one, scale, skin)
-        if near.any() and seen is not None:
-            drops.append((float(height[near].min()) - seen) / scale)
-    # Fewest places at which the edge has to be found.
-    if len(drops) < 6:
-        return 0.0
-    return float(np.clip(np.median(drops), 0.0, MOST_DROP_M))
-
-
-def _edge(pixels: UInt8, rim: Rim, place: float, scale: float, skin: Float32) -> float | None:
-    """Height in the rim's frame at which the upper tooth at a place ends; None where no single tooth is seen."""
-    import cv2
-
-    top, bottom = (float(np.interp(place, *curve.T)) for curve in (rim.upper, rim.lower))
-    if not LEAST_PX <= top - bottom < 4 * max(pixels.shape[:2]):
-        return None
-    heights = np.arange(top, bottom - 0.25, -0.5)
-    along = rim.along / float(rim.along @ rim.along)
-    at = (rim.corner + place * along + heights[:, None] * rim.across).astype(np.float32)
-    colour = cv2.remap(pixels, at[:, None, 0], at[:, None, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    shown = np.asarray(colour, np.float32).reshape(-1, 3) / np.float32(255)
-    tooth = (toothlike(shown, skin) > 0.5) & (luma(shown) > LEAST_LUMA * float(luma(skin)))
-    if not tooth.any():
-        return None
-    # Down from the first sample of tooth to the first gap that is tall enough.
-    first = int(np.argmax(tooth))
-    run = np.flatnonzero(tooth[first:])
-    breaks = np.flatnonzero(np.diff(run) * 0.5 > GAP_M * scale)
-    last = first + int(run[breaks[0]] if len(breaks) else run[-1])
-    tall = float(heights[first] - heights[last])
-    # Height of an upper incisor that is seen up to the gum: what is taller is both rows of teeth meeting.
-    if not max(LEAST_PX, LEAST_TOOTH_M * scale) <= tall <= 0.012 * scale:
-        return None
-    return float(heights[last])

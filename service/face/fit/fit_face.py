@@ -16,8 +16,7 @@ from service.arrays import Float32, Float64
 from service.errors import FitFailed
 from service.face.features.eye_colours import cheek_colour, eye_colours, light_from_sclera_and_teeth
 from service.face.features.eyes import SeenRims, eyes_on_rims, find_gaze, lids_on_rims, with_gaze
-from service.face.features.mouth import ROW as UPPER_ROW
-from service.face.features.mouth import lips_on_rim, measure_teeth, teeth_drop
+from service.face.features.mouth import lips_on_rim, measure_teeth
 from service.face.features.rims import RIMS
 from service.face.finder import Face
 from service.face.fit.dense import Correspondences, DenseTerms, correspondences, reading_agreement
@@ -43,7 +42,6 @@ from service.face.reading.reader import Reading, View
 from service.geometry.camera import Camera
 from service.head.eyeball import inter_ocular_m
 from service.head.model import HeadModel
-from service.head.regions import part_vertices
 from service.photo.photo import Photo
 from service.robust import smoothstep
 
@@ -332,10 +330,6 @@ def _result(index: int, view: View, head: HeadModel, neutral: Float32, found: La
     expression = lips_on_rim(head, neutral, replace(seen, expression=expression), teeth_seen)
     expression = as_seen_side(head, expression, camera)
     vertices = head.expressed(neutral, expression)
-    if skin is not None and (teeth := part_vertices(head, UPPER_ROW)).size:
-        drop = teeth_drop(photo.pixels, vertices[teeth], camera, mouth_rim, skin)
-        for shape in (vertices, neutral):
-            shape[teeth, 1] -= np.float32(drop)
     distance = np.linalg.norm(camera.project(basis.points(coefficients)) - face.landmarks[:, :2], axis=1)
     shown = (weight > 0) & np.isfinite(distance)
     inlier = weight[shown] > 0.05
