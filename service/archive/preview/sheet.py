@@ -39,8 +39,8 @@ Made = TypeVar("Made")
 
 TILE = (256, 306)
 """Width and height of a view of the head."""
-SAMPLES = 1.5
-"""Samples per pixel and axis: antialiases at half the cost of 2."""
+SAMPLES = 1.25
+"""Samples per pixel and axis: 1.5 looks the same and takes a fifth longer."""
 
 TEXTURED_YAWS = (-90, -45, 0, 45, 90)
 """Yaw of the head in the textured views, degrees."""
