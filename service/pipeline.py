@@ -68,9 +68,8 @@ from service.runtime.networks import Ahead, choose_engine, loading_ahead
 from service.runtime.sessions import few_heaps
 from service.runtime.tiles import DEFAULT_TILE, SMALL_MAP
 from service.stage_cache import Loaded, NoCache, StageCache
-from service.texture.inpainting import grain
 from service.texture.photo_detail import OwnDetail, own_texture_of
-from service.texture.texture import SEEDS, Texture, Unwrappings, left_by_roots, make_texture
+from service.texture.texture import Texture, Unwrappings, left_by_roots, make_texture
 
 T = TypeVar("T")
 
@@ -142,7 +141,6 @@ def make_avatar(
         # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
         form = options.fit_settings().beyond if len(files) == 1 and options.fit == "full" else 0
         head_and_chart = pool.submit(_head_and_chart, options.base_size, head_file, form)
-        pool.submit(lambda: [grain(head_and_chart.result()[1], seed) for seed in SEEDS])
 
         with stage("decode"):
             gathered = kept("decode", _decoded, files, networks)
@@ -400,9 +398,7 @@ def _head_and_chart(size: Size, head_file: Path | None, beyond: int = 0) -> tupl
 def _made_ahead() -> Ahead:
     """What drafts on the head in the box have in common, kept where it is made, and the networks of their maps."""
     draft = Options(quality="draft")
-    head, chart = _head_and_chart(draft.base_size, None, draft.fit_settings().beyond)
-    for seed in SEEDS:
-        grain(chart, seed)
+    head, _ = _head_and_chart(draft.base_size, None, draft.fit_settings().beyond)
     for read in (read_bank, read_items, read_insets, population, error_model):
         read()
     albedo_prior(False)

@@ -3,97 +3,23 @@
 A smooth base colour is solved for on the mesh. It follows the photo where skin is seen, the mirrored side where only
 that is seen (after matching its light), and tends to the person's mean skin or hair colour far from both. The photo's
 detail above the base (brows, lips, wrinkles, spots) is added where it is seen, and mirrored to where only the other
-side is seen; elsewhere a faint grain of similar strength is added. As the base agrees with the photo at its borders,
-detail can fade out there without a seam. The grain is noise in 3-D space, so that the chart's stretch does not draw it
-out into streaks.
+side is seen; elsewhere skin is smooth, and finer detail is super-resolution's. As the base agrees with the photo at its
+borders, detail can fade out there without a seam.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from service.arrays import AnyFloat, Float32, Float64
-from service.colour import luma
 from service.geometry.chart import Chart, mirrored_map
 from service.geometry.mesh import laplacian, smooth_fit, splat
 from service.head.regions import vertex_mask
 from service.image_filters import blurred, ramp
 from service.robust import smoothstep
-
-BAND = (0.8, 2.5)
-"""Standard deviations of the two Gaussians whose difference is the band, in cells of the noise."""
-
-SIDE = 64
-"""Cells along each side of the cube of noise, which repeats."""
-
-FINEST_M = 0.0007
-"""Smallest cell, metres on the mean head: a texel of AvatarMe's texture on the face."""
-
-OCTAVES = 4
-"""Cell sizes, each twice the one before."""
-
-
-@lru_cache(maxsize=2)
-def grain(chart: Chart, seed: int) -> Float32:
-    """(N, 1) float32 mirror-symmetric band-limited noise at the inner texels, of mean magnitude 1; read only.
-
-    Its cells are as large as the longer side of the texel: finest on the face, coarser on the neck, whose texels are
-    long and narrow.
-
-    Args:
-        chart: of the head; positions are those of the mean head, so that grain does not move with expressions.
-        seed: of the random generator.
-    """
-    position = chart.interpolate(chart.head.mean)
-    place = position.reshape(-1, 3)[chart.texels].astype(np.float64)
-    place[:, 0] = np.abs(place[:, 0])
-    octave = np.clip(np.log2(np.maximum(_texel(chart, position), FINEST_M) / FINEST_M), 0, OCTAVES - 1)
-    block = _block(seed)
-    total = np.zeros(len(place))
-    for index in range(OCTAVES):
-        share = np.clip(1 - np.abs(octave - index), 0, 1)
-        chosen = np.flatnonzero(share > 0)
-        # Square roots of the shares: variances of independent noises add.
-        cells = place[chosen] / (FINEST_M * 2**index) + 17.3 * index
-        total[chosen] += np.sqrt(share[chosen]) * _sample(block, cells)
-    return np.asarray(total[:, None] / max(float(np.abs(total).mean()), 1e-9), np.float32)
-
-
-def _texel(chart: Chart, position: Float32) -> Float32:
-    """(N,) metres, longer side of each inner texel, median-filtered over 5 x 5 texels."""
-    filled = chart.fill_outside(position)
-    sides = [np.linalg.norm(np.gradient(filled, axis=axis), axis=2) for axis in (0, 1)]
-    longer = np.maximum(*sides).astype(np.float32)
-    return np.asarray(cv2.medianBlur(longer, 5), np.float32).ravel()[chart.texels]
-
-
-def _block(seed: int) -> Float64:
-    """(SIDE, SIDE, SIDE) float64 band-limited noise of unit variance that repeats without a seam."""
-    noise = np.random.default_rng(seed).standard_normal((SIDE,) * 3)
-    axis = 2 * np.pi * np.fft.fftfreq(SIDE)
-    square = axis[:, None, None] ** 2 + axis[None, :, None] ** 2 + axis[None, None, : SIDE // 2 + 1] ** 2
-    band = np.exp(-0.5 * BAND[0] ** 2 * square) - np.exp(-0.5 * BAND[1] ** 2 * square)
-    result = np.fft.irfftn(np.fft.rfftn(noise) * band, (SIDE,) * 3, axes=(0, 1, 2))
-    return np.asarray(result / result.std(), np.float64)
-
-
-def _sample(block: Float64, cells: Float64) -> Float64:
-    """(N,) trilinearly interpolated values of a repeating cube of noise at points (N, 3) in cells."""
-    low = np.floor(cells)
-    part = (cells - low).T
-    corner = low.astype(np.int64).T
-    shares = np.stack([1 - part, part])
-    places = np.stack([corner % SIDE, (corner + 1) % SIDE])
-    values, result = block.ravel(), np.zeros(len(cells))
-    for i, j, k in np.ndindex(2, 2, 2):
-        index = (places[i, 0] * SIDE + places[j, 1]) * SIDE + places[k, 2]
-        result += shares[i, 0] * shares[j, 1] * shares[k, 2] * np.take(values, index)
-    return result
-
 
 SMOOTHNESS = 0.25
 """Weight of the base colour's smoothness relative to a fully trusted texel; the photo's detail is added on top."""
@@ -102,12 +28,6 @@ LIGHT_SMOOTHNESS = 0.3
 
 PRIOR_TRUST = 0.02
 """Weight of the prior, the mean colour of skin or hair."""
-
-GRAIN = 0.6
-"""Strength of synthetic grain relative to the photo's fine detail nearby."""
-
-MOST_GRAIN = 0.02
-"""Largest strength of fine detail, sRGB."""
 
 LIP = (0.35, 0.55)
 """Values of the region's soft mask at which a texel begins to be lip, and from which on it is lip: the mask fades out
@@ -139,9 +59,9 @@ def opacity(weight: AnyFloat) -> Float32:
 
 
 def complete_skin(
-    chart: Chart, colour: Float32, seen: Float32, skin: Float32, scalp: Float32 | None, seed: int = 0
+    chart: Chart, colour: Float32, seen: Float32, skin: Float32, scalp: Float32 | None
 ) -> Completed:
-    """Colour of all skin: base, detail, mirrored detail and grain.
+    """Colour of all skin: base, detail and mirrored detail.
 
     Args:
         chart: of the head.
@@ -149,12 +69,10 @@ def complete_skin(
         seen: (N,) opacity of the photo, also the weight with which colours are continued and mirrored from a texel.
         skin: (3,) sRGB of the person's skin, the prior far from everything seen.
         scalp: (3,) sRGB of the hair (or bald scalp), or None where the photo does not show it.
-        seed: of the grain.
     """
     on_skin = (chart.inner_part == chart.head.part_names.index("skin")).astype(np.float32)
     shown = seen * on_skin
-    field = chart.inside(_base(chart, np.c_[colour, _fine(chart, colour, shown)], shown, skin, scalp))
-    base = field[:, :3]
+    base = chart.inside(_base(chart, colour, shown, skin, scalp))
     detail = np.where(shown[:, None] > 0, colour - base, 0.0).astype(np.float32)
     seen = _feather(chart, shown)
 
@@ -163,12 +81,11 @@ def complete_skin(
     inpainted = (1 - seen - reflected)[:, None]
     result = base + seen[:, None] * detail + reflected[:, None] * other[:, :3]
     result += inpainted * _lip_difference(chart, colour, base, seen)
-    result += inpainted * np.clip(field[:, 3:], 0, MOST_GRAIN) * GRAIN * grain(chart, seed)
     return Completed(np.clip(result, 0, 1).astype(np.float32), seen, reflected)
 
 
 def _base(chart: Chart, values: Float32, trust: Float32, skin: Float32, scalp: Float32 | None) -> Float64:
-    """(V, 4) smooth sRGB and strength of fine detail on the whole mesh, from values (N, 4) at the texels."""
+    """(V, 3) smooth sRGB on the whole mesh, from values (N, 3) at the texels."""
     head = chart.head
     count = len(head.mean)
     hair = vertex_mask(head, "scalp").astype(np.float64)
@@ -179,26 +96,17 @@ def _base(chart: Chart, values: Float32, trust: Float32, skin: Float32, scalp: F
     both = np.minimum(k, k_reflected)
     # Weights of smoothness and of the prior 0 for the colour difference between the head's halves: where only one half
     # is known it fades within some twenty vertices.
-    light = smooth_fit(edges, known - reflected, both, LIGHT_SMOOTHNESS, np.zeros(4), 0.0005)
+    light = smooth_fit(edges, known - reflected, both, LIGHT_SMOOTHNESS, np.zeros(3), 0.0005)
     # Weight of the mirrored colour relative to a seen one of the same trust.
     share = 0.4 * np.maximum(1 - k, 0) * k_reflected
     total = k + share
     blend = np.where(total > 0, share / np.where(total > 0, total, 1), 0)[:, None]
     known = known + blend * (reflected + light - known)
 
-    typical = float((known[:, 3] * total).sum() / max(float(total.sum()), 1e-9))
-    far = np.tile([*skin.tolist(), typical], (count, 1))
+    far = np.tile(skin.astype(np.float64), (count, 1))
     if scalp is not None:
-        far[:, :3] += hair[:, None] * (scalp.astype(np.float64) - far[:, :3])
+        far += hair[:, None] * (scalp.astype(np.float64) - far)
     return np.clip(smooth_fit(edges, known, total, SMOOTHNESS, far, PRIOR_TRUST), 0, 1)
-
-
-def _fine(chart: Chart, colour: Float32, seen: Float32) -> Float32:
-    """(N,) strength of the photo's fine detail: distance of the luma from its local mean, at most ``MOST_GRAIN``."""
-    both = chart.spread(np.stack([luma(colour) * seen, seen], 1))
-    soft = blurred(both, max(chart.width / 480, 0.5)).reshape(-1, 2)[chart.texels]
-    middle = soft[:, 0] / np.maximum(soft[:, 1], 1e-6)
-    return np.asarray(np.minimum(np.abs(luma(colour) - middle), MOST_GRAIN), np.float32)
 
 
 def _lip_difference(chart: Chart, colour: Float32, base: Float32, seen: Float32) -> Float32:

@@ -28,7 +28,7 @@ from service.photo.photo import Photo
 from service.robust import smoothstep
 from service.texture.blending import Blend, Layer, blend
 from service.texture.finer_cover import finer_cover, in_the_dark
-from service.texture.inpainting import Completed, complete_skin, grain
+from service.texture.inpainting import Completed, complete_skin
 from service.texture.part_colours import Parts, paint_parts
 from service.texture.unwrap import (
     Unwrapped,
@@ -157,10 +157,6 @@ def depth_map(chart: Chart, vertices: AnyFloat) -> Float32:
 SMOOTHNESS = 0.5
 PRIOR_TRUST = 0.01
 """Weights of the density's smoothness and of what is expected where no scalp is seen, relative to a seen texel."""
-GRAIN = 0.08
-"""Standard deviation of the opacity over its mean, about: roots are points."""
-SEEDS = (0, 1)
-"""Of the grain of skin that no photo shows, and of that of roots."""
 
 
 def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zones) -> Float32:
@@ -185,9 +181,8 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
         density = np.clip(smooth_fit(edges, known, trust, SMOOTHNESS, prior, PRIOR_TRUST), 0, 1)
     # Values of the scalp's soft mask between which hair begins.
     grown = chart.inside(density.astype(np.float32))[:, 0] * smoothstep(zones.scalp, 0.15, 0.85) * zones.skin
-    points = np.clip(1 + GRAIN * grain(chart, SEEDS[1])[:, 0], 0, 2)
     # Of the shadow where hair grows densely: skin between roots shows as much again.
-    return np.asarray(np.clip(0.5 * grown * points, 0, 0.95), np.float32)
+    return np.asarray(0.5 * grown, np.float32)
 
 
 def left_by_roots(texture: Texture, hair: WornHair) -> UInt8 | None:
@@ -274,7 +269,7 @@ def make_texture(
         scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
         on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
         fallback = DEFAULT_SKIN if found.colour is None else found.colour
-        completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp, SEEDS[0])
+        completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp)
         person, sure = fallback if fit.cheek is None else fit.cheek, _confidence(completed)
         given = chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person
         return layers, mixed, completed, paint_parts(*given)

@@ -8,38 +8,8 @@ import pytest
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask
-from service.texture.inpainting import complete_skin, grain
+from service.texture.inpainting import complete_skin
 from tests.toyhead import sphere_head
-
-CHART = Chart.build(load_head(None), 576, 384)
-GRAIN = grain(CHART, 0)
-MAP = CHART.spread(GRAIN)[..., 0]
-POSITION = CHART.interpolate(CHART.head.mean).astype(float)
-SKIN = CHART.part == 0
-
-
-def _slopes(name: str) -> tuple[float, float]:
-    """Root mean square of the grain's change per metre along rows and down columns, in a region."""
-    region = CHART.interpolate(CHART.head.region(name))[..., 0] > 0.9
-    result = []
-    for axis in (1, 0):
-        step = np.linalg.norm(np.diff(POSITION, axis=axis), axis=2)
-        inside = (region & SKIN).take(range(step.shape[axis]), axis) & (step > 1e-4) & (step < 6e-3)
-        result.append(float(np.sqrt(np.mean((np.diff(MAP, axis=axis)[inside] / step[inside]) ** 2))))
-    return result[0], result[1]
-
-
-def test_grain_is_no_streak_where_the_chart_is_stretched() -> None:
-    """Noise of the chart's own texels was drawn out sixfold on the neck and looked like fur."""
-    for name, bound in (("cheek_left", 1.25), ("neck", 1.6)):
-        across, down = _slopes(name)
-        assert 1 / bound < across / down < bound, f"{name}: {across:.0f} and {down:.0f} per metre"
-
-
-def test_tiny_charts_have_finite_grain() -> None:
-    """A texel of several centimetres is beyond the coarsest octave."""
-    assert np.isfinite(grain(Chart.build(CHART.head, 24, 16), 0)).all()
-
 
 HEAD = load_head()
 LIPS_CHART = Chart.build(HEAD, 384, 256)
