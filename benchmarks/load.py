@@ -31,7 +31,7 @@ import numpy as np
 import sqlalchemy as sa
 import typer
 
-from service.batch.makers import Order
+from service.batch.makers import Maker, Order
 from service.batch.plan import Plan
 from service.batch.shards import Rounds, Shards
 from service.batch.worker import LOOKS
@@ -65,7 +65,7 @@ where workflow_uuid = :first;
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
-class Sleeper:
+class Sleeper(Maker):
     """Makes a photo by waiting."""
 
     def __init__(self, seconds: float) -> None:
@@ -76,9 +76,6 @@ class Sleeper:
         time.sleep(self._seconds)
         order.target.write_bytes(b"slept")
         return []
-
-    def close(self) -> None:
-        """Nothing to let go of."""
 
 
 def worker(name: str, database: str, folder: Path, seconds: float, hands: int) -> None:

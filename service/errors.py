@@ -54,10 +54,6 @@ class AvatarError(Exception):
         self.message = message
         self.extra = extra
 
-    def described(self) -> dict[str, Any]:
-        """Facts, code and message for machines."""
-        return {**self.extra, "code": self.code, "message": self.message}
-
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (type(self), self.message, self.extra)
 
@@ -65,7 +61,7 @@ class AvatarError(Exception):
 def as_facts(error: BaseException) -> dict[str, Any]:
     """What a process says of its fault: ``code``, ``message``, ``status`` of HTTP, and what else machines may know."""
     if isinstance(error, AvatarError):
-        return {**error.described(), "status": error.http_status}
+        return {**error.extra, "code": error.code, "message": error.message, "status": error.http_status}
     return {"code": "internal", "message": f"{type(error).__name__}: {error}", "status": 500}
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from service.batch.groups import GROUP
 from service.client.client import Client, Job, canonical, idempotency_key
@@ -73,9 +74,10 @@ class Hopeless(Exception):
         self.error = error
 
 
-class Maker(Protocol):
+class Maker(ABC):
     """Makes archives; threads share it."""
 
+    @abstractmethod
     def make(self, order: Order, stop: Callable[[], bool]) -> list[str]:
         """Write a whole, checked archive to ``order.target``, or nothing. Returns the warnings.
 
@@ -88,14 +90,12 @@ class Maker(Protocol):
             Stopped: it was to end.
             Hopeless: no photo will get through, this one or another.
         """
-        ...
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - most have nothing to let go of
         """Called once, after the last ``make``."""
-        ...
 
 
-class LocalMaker:
+class LocalMaker(Maker):
     """Makes each photo in a process of its own, which ends with it.
 
     So memory stays flat over any number of photos, a crash in native code costs one photo, and a photo that never ends
@@ -130,9 +130,6 @@ class LocalMaker:
             raise Crashed("the archive on the disk is not what was written")
         return [str(code) for code in ending.facts.get("warnings", [])]
 
-    def close(self) -> None:
-        """See ``Maker.close``."""
-
     def _fault(self, ending: Ending, scratch: Path) -> Exception:
         if ending.kind == "problem":
             words = dict(ending.facts)
@@ -151,7 +148,7 @@ def _tail(log: Path) -> str:
     return ""
 
 
-class RemoteMaker:
+class RemoteMaker(Maker):
     """Hands photos to a server, waits, downloads, and erases what it downloaded.
 
     What was stopped in the middle is found again by the next run: the same photo, options and attempt are the same

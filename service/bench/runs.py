@@ -208,13 +208,8 @@ def isolated(work: Callable[..., T], *arguments: Any) -> T:
         try:
             return pool.submit(work, *arguments).result()
         except BrokenProcessPool as error:
-            raise Crashed(
-                f"the process of {_named(work)} ended without a result; there may be too little memory"
-            ) from error
-
-
-def _named(work: Callable[..., Any]) -> str:
-    return str(getattr(work, "__name__", "a run"))
+            words = f"the process of {getattr(work, '__name__', 'a run')} ended without a result; there may be too "
+            raise Crashed(f"{words}little memory") from error
 
 
 def run_bench(
@@ -361,7 +356,6 @@ def line(x: Sequence[float], y: Sequence[float]) -> FittedLine | None:
     across, up = np.asarray(x, np.float64), np.asarray(y, np.float64)
     if len(across) < 3 or not (up > 0).all() or np.ptp(across) == 0:
         return None
-    design = np.stack([1 / up, across / up], 1)
-    start, slope = np.linalg.lstsq(design, np.ones_like(up), rcond=None)[0]
+    slope, start = np.polyfit(across, up, 1, w=1 / up)
     worst = float(np.abs((start + slope * across) / up - 1).max())
     return FittedLine(float(start), float(slope), worst)

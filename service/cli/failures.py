@@ -10,7 +10,7 @@ from typing import Any
 
 import typer
 
-from service.errors import AvatarError
+from service.errors import AvatarError, as_facts
 
 INTERRUPTED = 130
 """128 + SIGINT: the exit status that shells expect after Ctrl-C."""
@@ -25,11 +25,11 @@ def exit_status(error: BaseException) -> int:
 
 def describe(error: BaseException) -> dict[str, Any]:
     """``{"error": {"code", "message", ...}}`` with the error's machine-readable facts."""
-    if isinstance(error, AvatarError):
-        return {"error": error.described()}
     if isinstance(error, KeyboardInterrupt):
         return {"error": {"code": "interrupted", "message": "interrupted"}}
-    return {"error": {"code": "internal", "message": f"{type(error).__name__}: {error}"}}
+    facts = as_facts(error)
+    del facts["status"]  # of HTTP
+    return {"error": facts}
 
 
 @contextmanager

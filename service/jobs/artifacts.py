@@ -64,7 +64,7 @@ class Artifacts(Place):
 def kept_folder(tenant: str, photo_sha256: str) -> str:
     """Where the stages of a photo lie that its owner wants to be kept, for heads that are made again with corrections.
 
-    No job has this id, so the files go as those of no job do: after an hour (``service.jobs.erasure.Strays``), or when
+    No job has this id, so the files go as those of no job do: after an hour (``Janitor.sweep_strays``), or when
     a head of the photo is erased.
     """
     return hashlib.sha256(f"stages\n{tenant}\n{photo_sha256}".encode()).hexdigest()[:32]

@@ -1,16 +1,14 @@
-"""Letting go of a job, of all that was made of it, of what the database knows of both, and of files without a job."""
+"""Letting go of a job, of all that was made of it, and of what the database knows of both."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import sqlite3
-import time
 
 import sqlalchemy as sa
 
 from service.jobs import telemetry
-from service.jobs.artifacts import Artifacts
 from service.jobs.database import EVENTS, IS_DERIVED, JOBS, now
 from service.jobs.store import OWNERS, Row, Store, workflows
 from service.jobs.view import FINAL
@@ -84,33 +82,3 @@ def checkpoint(engine: sa.Engine) -> bool:
     with contextlib.closing(made) as connection, contextlib.suppress(sqlite3.Error):
         return not connection.execute("pragma wal_checkpoint(truncate)").fetchone()[0]
     return False
-
-
-STRAY = 3600.0
-"""Seconds for which files of a job that nobody knows are seen before they go: the job may be about to be stored."""
-
-ASKED = 500
-"""Jobs that are looked up at a time."""
-
-
-class Strays:
-    """Removes files without a job: of a server that died between storing a photo and its job.
-
-    Args:
-        jobs: those that there are.
-        artifacts: their files.
-    """
-
-    def __init__(self, jobs: Store, artifacts: Artifacts) -> None:
-        self._jobs, self._artifacts = jobs, artifacts
-        self._unknown: dict[str, float] = {}
-
-    def sweep(self) -> None:
-        """Look, and remove what has been there for long."""
-        found, moment = self._artifacts.jobs(), time.monotonic()
-        parts = [found[start : start + ASKED] for start in range(0, len(found), ASKED)]
-        unknown = {job for part in parts for job in set(part) - set(self._jobs.versions(part))}
-        self._unknown = {job: self._unknown.get(job, moment) for job in unknown}
-        for job, since in self._unknown.items():
-            if moment - since >= STRAY:
-                self._artifacts.sweep(job, set())

@@ -29,6 +29,12 @@ HEAD = 16
 _TAKE_OVER = 4242003
 """Advisory lock of Postgres."""
 
+STRAY = 3600.0
+"""Seconds for which files of a job that nobody knows are seen before they go: the job may be about to be stored."""
+
+ASKED = 500
+"""Jobs that are looked up at a time."""
+
 SILENT = 60.0
 """Seconds without a sign of life after which another worker counts as dead."""
 
@@ -53,6 +59,7 @@ class Janitor:
         self._queue = runner.store.queue
         self._missing: dict[str, float] = {}
         self._quiet: set[str] = set()
+        self._unknown: dict[str, float] = {}
 
     def expire(self) -> None:
         """Erase results whose time is over, and after a while all memory of them."""
@@ -73,6 +80,19 @@ class Janitor:
             if row["gone"] is not None or row["state"] == "cancelled":
                 self._queue.delete(workflows(row))  # results of steps name files by their hashes
             self._runner.tidy(row["id"])
+
+    def sweep_strays(self) -> None:
+        """Remove files without a job that have been there for long: of a server that died between storing a photo and
+        its job.
+        """
+        artifacts, moment = self._runner.artifacts, time.monotonic()
+        found = artifacts.jobs()
+        parts = [found[start : start + ASKED] for start in range(0, len(found), ASKED)]
+        unknown = {job for part in parts for job in set(part) - set(self._store.versions(part))}
+        self._unknown = {job: self._unknown.get(job, moment) for job in unknown}
+        for job, since in self._unknown.items():
+            if moment - since >= STRAY:
+                artifacts.sweep(job, set())
 
     def reconcile(self, *, working: bool = True) -> None:
         """No job that is unfinished for its owner may be finished or unknown for the queue.

@@ -68,17 +68,13 @@ class Queue:
         )  # fmt: skip
 
     def put(self, connection: sa.Connection, job: Mapping[str, Any] | sa.RowMapping) -> None:
-        """Put the workflow of a job into the queue, inside the caller's transaction; twice is once.
+        """Put the workflow of a job into the queue, as :meth:`enqueue`.
 
         Args:
             connection: of the transaction.
             job: ``id``, ``workflow``, ``kind`` and ``turn`` of the job.
         """
-        options: EnqueueOptions = {
-            "queue_name": KINDS[job["kind"]].place, "workflow_name": WORKFLOW, "workflow_id": job["workflow"],
-            "priority": job["turn"],
-        }  # fmt: skip
-        self.client.enqueue_in_transaction(connection, options, job["id"])
+        self.enqueue(connection, KINDS[job["kind"]].place, WORKFLOW, job["workflow"], job["turn"], job["id"])
 
     def put_message(self, connection: sa.Connection, job: Mapping[str, Any] | sa.RowMapping, attempt: int = 1) -> None:
         """Put an attempt to tell of the end of a job into the queue, inside the caller's transaction; twice is once.
@@ -103,7 +99,7 @@ class Queue:
     def enqueue(
         self, connection: sa.Connection, queue: str, workflow: str, workflow_id: str, turn: int, *arguments: Any
     ) -> None:
-        """Put a workflow that is no job's into a queue, inside the caller's transaction; twice is once."""
+        """Put a workflow into a queue, inside the caller's transaction; twice is once."""
         options: EnqueueOptions = {
             "queue_name": queue, "workflow_name": workflow, "workflow_id": workflow_id, "priority": turn,
         }  # fmt: skip

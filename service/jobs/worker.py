@@ -25,7 +25,6 @@ from service.errors import AvatarError
 from service.jobs import logs
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import PATIENCE, TEMPORARY_FAILURE, WORKERS, connect, create_tables, seconds_of_database
-from service.jobs.erasure import Strays
 from service.jobs.janitor import Janitor, LostJob
 from service.jobs.limits import end_with_parent, keep_private
 from service.jobs.locks import DatabaseLock, FileLock
@@ -83,10 +82,9 @@ class Worker:
 
     def _chores(self) -> dict[Callable[[], None], float]:
         """What is done beside the jobs, and the seconds between two times of doing it."""
-        strays = Strays(self.runner.store, self.runner.artifacts)
         return {
             self.beat: 5.0, self._janitor.tidy: 10.0, self.reconcile: 10.0,
-            self._janitor.expire: 30.0, self.recheck: 30.0, strays.sweep: 600.0,
+            self._janitor.expire: 30.0, self.recheck: 30.0, self._janitor.sweep_strays: 600.0,
         }  # fmt: skip
 
     def beat(self) -> None:

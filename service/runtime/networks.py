@@ -372,7 +372,6 @@ def _openvino(name: str, data: bytes, engine: Engine) -> Loaded:
         }
         if device == "CPU":
             settings["INFERENCE_NUM_THREADS"] = engine.threads
-        if device == "CPU":
             whole = _compiled(core, name, data, model, settings)
         else:
             whole = core.compile_model(model, device, settings)

@@ -7,8 +7,7 @@ import sqlalchemy as sa
 
 from service.jobs import janitor as module
 from service.jobs.database import JOBS, WORKERS, create_tables, now
-from service.jobs.erasure import STRAY, Strays
-from service.jobs.janitor import Janitor, LostJob
+from service.jobs.janitor import STRAY, Janitor, LostJob
 from service.jobs.locks import DatabaseLock
 from tests.service.jobs.conftest import Bench, unfinished
 
@@ -151,17 +150,19 @@ def test_nothing_in_the_database_is_a_pickle(bench: Bench) -> None:
     assert "py_pickle" not in dump
 
 
-def test_files_that_became_no_job_go_after_an_hour(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_that_became_no_job_go_after_an_hour(
+    bench: Bench, janitor: Janitor, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An hour of being seen: by the clock on the wall, which may be set by a day, a new one may look old."""
-    strays, folder = Strays(bench.store, bench.artifacts), bench.artifacts.folder
+    folder = bench.artifacts.folder
     assert folder is not None
     unknown, job = folder / ("c" * 32), bench.add()
     unknown.mkdir()
     (unknown / f"photo-{'0' * 64}.bin").write_bytes(b"x")
-    strays.sweep()
+    janitor.sweep_strays()
     assert unknown.exists()
     later = time.monotonic() + STRAY
     monkeypatch.setattr(time, "monotonic", lambda: later)
-    strays.sweep()
+    janitor.sweep_strays()
     assert not unknown.exists()
     assert bench.artifacts.names(job)
