@@ -61,15 +61,9 @@ def test_each_format_is_read(kind: str, options: dict[str, object]) -> None:
     assert photo.warnings == ()
 
 
-# Row 2
-
-
 def test_empty_file() -> None:
     with pytest.raises(EmptyFile):
         read_photo(b"")
-
-
-# Rows 3, 4 and 5, and GIF of row 27
 
 
 @pytest.mark.parametrize("name", bad.NOT_IMAGES)
@@ -80,18 +74,9 @@ def test_other_formats_are_named_and_refused(name: str, monkeypatch: pytest.Monk
     assert caught.value.extra["looks_like"]
 
 
-# Rows 6 and 34
-
-
-# Rows 10 and 11
-
-
 def test_too_many_bytes() -> None:
     with pytest.raises(TooManyBytes, match="1001 bytes; at most 1000"):
         read_photo(bytes(1001), Limits(max_bytes=1000))
-
-
-# Row 15
 
 
 @pytest.mark.parametrize(
@@ -124,9 +109,6 @@ def test_pixels_cut_off_inside_a_sound_container() -> None:
         read_photo(cut)
 
 
-# Rows 17, 18 and 21
-
-
 @pytest.mark.parametrize("data", [bad.png_header(65_500, 65_500), bad.jpeg_header(65_500, 65_500), bad.png_bomb()])
 def test_header_of_a_giant(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gate, "run_decoder", _must_not_run)
@@ -153,25 +135,17 @@ def test_zero_size() -> None:
         read_photo(bad.png_header(0, 10))
 
 
-# Row 19
-
-
-@pytest.mark.parametrize("kind", [b"zTXt", b"iTXt", b"iCCP"])
-def test_packed_metadata_bombs(kind: bytes) -> None:
+def test_packed_text_is_never_unpacked_and_a_profile_that_is_a_bomb_is_refused() -> None:
+    for kind in (b"zTXt", b"iTXt"):
+        assert open_container(bad.text_bomb(kind), Limits()).payload == bad.png(bad.picture(), 2)
     with pytest.raises(CorruptImage):
-        read_photo(bad.text_bomb(kind))
-
-
-# Row 20
+        read_photo(bad.text_bomb(b"iCCP"))
 
 
 def test_hundreds_of_scans(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gate, "run_decoder", _must_not_run)
     with pytest.raises(TooComplex, match="more than 100 scans"):
         read_photo(bad.many_scans(600))
-
-
-# Row 24
 
 
 def test_palette_with_transparency() -> None:
@@ -193,12 +167,6 @@ def test_grey_with_alpha() -> None:
     assert "transparent" in photo.warnings
 
 
-# Row 25
-
-
-# Row 26
-
-
 @pytest.mark.parametrize("kind", ["JPEG", "PNG"])
 def test_grey_photo_keeps_its_pixels_and_says_so(kind: str) -> None:
     photo = read_photo(bad.save(Image.fromarray(PICTURE).convert("L"), kind))
@@ -207,16 +175,10 @@ def test_grey_photo_keeps_its_pixels_and_says_so(kind: str) -> None:
     assert photo.warnings == ("no-colour",)
 
 
-# Row 27
-
-
 @pytest.mark.parametrize("data", [bad.apng(3), bad.webp_animation()])
 def test_animation_is_never_silently_its_first_frame(data: bytes) -> None:
     with pytest.raises(AnimatedImage, match="3 frames"):
         read_photo(data)
-
-
-# Row 28
 
 
 def test_first_of_several_images_in_one_file() -> None:
@@ -229,9 +191,6 @@ def test_first_of_several_images_in_one_file() -> None:
     tail = read_photo(bad.save(first, "JPEG") + bad.save(second, "JPEG"))
     assert np.array_equal(tail.pixels, alone.pixels)
     assert tail.warnings == ("extra-images-ignored",)
-
-
-# Rows 29 and 30
 
 
 def stored_as(upright: bad.Pixels, orientation: int) -> bad.Pixels:
@@ -299,15 +258,9 @@ def test_metadata_goes_no_further() -> None:
     assert open_container(bad.insert(data, exif, exif, exif), Limits()).payload == bad.insert(data, exif)
 
 
-# Row 32
-
-
 def test_huge_profile_is_ignored_with_a_warning() -> None:
     profile = bad.matrix_profile(bad.P3_PRIMARIES, 2.2) + bytes(5_000_000)
     assert read_photo(bad.with_icc(bad.save(PICTURE, "JPEG"), profile)).warnings == ("icc-ignored",)
-
-
-# Row 33
 
 
 @pytest.mark.parametrize(

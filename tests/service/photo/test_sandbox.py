@@ -68,9 +68,6 @@ def measured(order: Request) -> tuple[Reply, float, float]:
     return Reply.parse(spent.head[1 : 1 + REPLY_SIZE]), spent.peak_mib, spent.cpu_seconds
 
 
-# Row 18: even when the header check of the gate is passed by
-
-
 @LINUX
 def test_bomb_is_refused_by_the_decoder_too_and_costs_no_memory() -> None:
     small = measured(request(bad.save(bad.picture(), "PNG"), Codec.PNG))
@@ -106,9 +103,6 @@ def test_bomb_costs_the_calling_process_no_memory() -> None:
     assert int(in_fresh_interpreter(script)) < 50 * 1024
 
 
-# Row 20: even when the scans are not counted
-
-
 @LINUX
 def test_processor_time_is_capped() -> None:
     data = bad.many_scans(4000, 1600, 1600)  # five times the second on a fast processor of 2024
@@ -121,9 +115,6 @@ def test_processor_time_is_capped() -> None:
 def test_wall_time_is_capped() -> None:
     with pytest.raises(TooComplex):
         read_photo(bad.save(bad.picture(), "PNG"), Limits(wall_seconds=0.005))
-
-
-# Row 4: no helper program
 
 
 def test_no_program_runs_but_our_own_decoder(tmp_path: Path) -> None:
