@@ -6,8 +6,8 @@ memory are left out unless ``timings`` requests them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import BinaryIO
 
@@ -60,7 +60,7 @@ def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes
         pictures, values = pool.submit(chart_pictures, avatar), pool.submit(chart_values, avatar)
         previews = pool.submit(lambda: _previews(avatar, drawn.result()))
         parts, maps = drawn_parts(avatar), map_files(avatar)
-        written = meshes(avatar, parts, maps, pictures.result, values.result, lambda: drawn.result().textures)
+        written = _meshes(avatar, parts, maps, pictures, values, drawn)
         own = {f"maps/parts/{name}.png": data for name, data in drawn.result().textures.items()}
         files = packed.result() | written | own
         files |= {"LICENSES.md": licences_text(avatar).encode()} | previews.result()
@@ -68,27 +68,15 @@ def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes
     return files
 
 
-def meshes(
+def _meshes(
     avatar: Avatar,
     parts: Sequence[MeshPart],
     maps: MapFiles,
-    pictures: Callable[[], Mapping[str, EncodedPicture]],
-    values: Callable[[], Mapping[str, Float32]],
-    textures: Callable[[], Mapping[str, bytes]],
+    pictures: Future[dict[str, EncodedPicture]],
+    values: Future[dict[str, Float32]],
+    drawn: Future[Drawn],
 ) -> dict[str, bytes]:
-    """Name -> content of everything under ``mesh/``.
-
-    Args:
-        avatar: the results of one photo.
-        parts: its ``drawn_parts``.
-        maps: its ``map_files``.
-        pictures: gives its ``chart_pictures``, which may be drawn meanwhile.
-        values: gives its ``chart_values``, likewise.
-        textures: gives the PNG of its parts' own textures by name, likewise.
-
-    Raises:
-        NumericFault: a vertex is not finite, or names of parts are ambiguous.
-    """
+    """Name -> content of everything under ``mesh/``, while the chart's pictures and values may still be drawn."""
     head, fit, made = avatar.head, avatar.fit, avatar.reflectance
     title, shapes = _title(avatar), avatar.shapes or draw_shapes(avatar)
     materials = [part.material for part in parts]
@@ -100,12 +88,12 @@ def meshes(
         "mesh/head.usda": usda_bytes(shapes.usda, parts, maps),
         "mesh/head.glb": glb_bytes(
             parts,
-            pictures(),
+            pictures.result(),
             units=head.expression_names,
             expression=weights_by_name(head.expression_names, fit.expression),
             head=head.name,
             licence=head.licence,
-            own=textures(),
+            own=drawn.result().textures,
         ),
     }
     fine_wanted = LEVELS[avatar.options.get("quality", "standard")].fine_mesh
@@ -117,7 +105,7 @@ def meshes(
     groom = None if avatar.hair is None else avatar.hair.groom
     if groom is not None and len(groom) and fine_wanted:
         files["mesh/hair.usda"] = curves_bytes(groom, f"{title}, hair")
-    return files | data_maps(materials, maps, values())
+    return files | data_maps(materials, maps, values.result())
 
 
 def _maps(avatar: Avatar) -> dict[str, bytes]:
