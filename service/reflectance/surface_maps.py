@@ -1,7 +1,7 @@
 """Maps of the surface that need no network: roughness, cavity and thickness.
 
-- Roughness of one GGX lobe that stands for both of the skin's: by region, and by how oily the skin is. Regions have the
-  factors of the light stage (``models/lightstage/skin/base.py``), from which the networks learnt; lips are wetter.
+- Roughness of one GGX lobe that stands for both of the skin's: by region. Regions have the factors of the light stage
+  (``models/lightstage/skin/base.py``), from which the networks learnt; lips are wetter.
 - Cavity: how much of the sky the relief leaves open, in pores, folds and wrinkles.
 - Thickness of the flesh under the skin: how far it is to the other side of an ear, a nostril, a lid.
 """
@@ -55,53 +55,16 @@ def cavity(displacement: UInt16, texel_mm: float, size: tuple[int, int]) -> Floa
     return np.asarray(FLOOR + (1 - FLOOR) * np.exp(-STRENGTH * depth), np.float32)
 
 
-FOREHEAD, NOSE, CHEEK, NECK, LIPS = -0.1, -0.17, 0.1, 0.05, -0.55
-"""What each region adds to the factor of GGX alpha; that of the nose for oily skin, dry skin has half of it. Lips are
-moist: their roughness comes to 0.37."""
-
-USUAL_OIL = 0.5
-OILY_RATIO = 0.3
-"""How much more specular nose and forehead are than the cheeks on oily skin; half of it is usual."""
-
-LEAST_TEXELS = 30
-"""Fewest texels of a region for its mean to count."""
+FOREHEAD, NOSE, CHEEK, NECK, LIPS = -0.1, -0.1275, 0.1, 0.05, -0.55
+"""What each region adds to the factor of GGX alpha. Lips are moist: their roughness comes to 0.37."""
 
 
-def oil_of(chart: Chart, specular: UInt16 | None) -> float:
-    """How oily the skin is, 0 to 1: by how much the T of forehead and nose is more specular than the cheeks.
-
-    Args:
-        chart: at the size of ``specular``.
-        specular: (h, w) codes of specular albedo; without it, or where a region is too small, ``USUAL_OIL``.
-    """
-    if specular is None:
-        return USUAL_OIL
-    values = specular.reshape(-1)[chart.texels].astype(np.float64)
-    zone, cheek = (chart.inside(vertex_mask(chart.head, *names))[:, 0] > 0.7 for names in (_T_ZONE, _CHEEKS))
-    if min(zone.sum(), cheek.sum()) < LEAST_TEXELS or values[cheek].mean() <= 0:
-        return USUAL_OIL
-    # The median, as hair over the forehead is dull.
-    ratio = np.median(values[zone]) / max(float(np.median(values[cheek])), 1.0)
-    return float(np.clip((ratio - 1) / OILY_RATIO, 0, 1))
-
-
-_T_ZONE = ("forehead", "nose")
-_CHEEKS = ("cheek_left", "cheek_right")
-
-
-def roughness(chart: Chart, oil: float) -> Float32:
-    """(h, w) float32 square root of GGX alpha in [0, 1] on all islands, padded outside.
-
-    Args:
-        chart: of the head.
-        oil: as :func:`oil_of`.
-    """
+def roughness(chart: Chart) -> Float32:
+    """(h, w) float32 square root of GGX alpha in [0, 1] on all islands, padded outside."""
     head = chart.head
-    shares = {
-        "forehead": FOREHEAD, "nose": NOSE * (0.5 + 0.5 * oil), "neck": NECK, "lips": LIPS,
-    }  # fmt: skip
+    shares = {"forehead": FOREHEAD, "nose": NOSE, "neck": NECK, "lips": LIPS}
     factor = 1 + sum(share * vertex_mask(head, name) for name, share in shares.items())
-    factor = factor + CHEEK * vertex_mask(head, *_CHEEKS)
+    factor = factor + CHEEK * vertex_mask(head, "cheek_left", "cheek_right")
     alpha = SKIN.roughness**2 * factor
     drawn = chart.inside(np.sqrt(alpha))
     for index, name in enumerate(head.part_names):
@@ -195,7 +158,7 @@ def surface_maps(
     Args:
         head: topology, chart and regions.
         vertices: (V, 3) metres.
-        made: specular albedo says how oily the skin is, displacement where its cavities are.
+        made: displacement says where its cavities are.
         roles: maps that were requested.
         size: (width, height) of the other maps.
         flesh: of ``flesh_mm``, where it is known already.
@@ -205,13 +168,11 @@ def surface_maps(
         return None
     size = min((max(size[0] // 2, 1), max(size[1] // 2, 1)), LARGEST)
     chart = Chart.build(head, *size) if size < GEOMETRY_SIZE else coarse_chart(head)
-    specular = None if made is None else made.specular_albedo
     relief = None if made is None else made.displacement
-    oil = oil_of(chart, None if specular is None else resized(specular, (chart.width, chart.height)))
     thick = chart.fill_outside(chart.interpolate(flesh_mm(head, vertices) if flesh is None else flesh))[..., 0]
     open_sky = None if relief is None else cavity(relief, _texel_mm(head, vertices, size[0]), size)
     return SurfaceMaps(
-        roughness=_codes(resized(roughness(chart, oil), size), 255) if "roughness" in wanted else None,
+        roughness=_codes(resized(roughness(chart), size), 255) if "roughness" in wanted else None,
         cavity=_codes(open_sky, 255) if "cavity" in wanted and open_sky is not None else None,
         thickness=_codes(resized(thick, size), CODES_PER_MM) if "thickness" in wanted else None,
     )

@@ -7,16 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.geometry.chart import Chart
-from service.head.model import HeadModel
 from service.reflectance.relief.displacement import encode_heights
 from service.reflectance.surface_maps import (
     FLOOR,
     LARGEST_MM,
-    USUAL_OIL,
     cavity,
     flesh_mm,
-    oil_of,
 )
 from tests.toyhead import CENTRE, sphere_head
 
@@ -46,23 +42,6 @@ def test_cavity_is_open_where_flat_or_raised_and_dark_in_pits() -> None:
     height[30, 45] = -1.0
     assert cavity(encode_heights(height), 0.25, (90, 60))[30, 45] == pytest.approx(FLOOR, abs=0.02)
     assert np.isfinite(cavity(encode_heights(height), 0.0, (90, 60))).all(), "a chart without a size"
-
-
-def regioned() -> HeadModel:
-    head = sphere_head(24, 48)
-    up = np.clip(head.mean[:, 1] / 0.05, 0, 1)
-    down = np.clip(-head.mean[:, 1] / 0.05, 0, 1)
-    return replace(head, region_names=("forehead", "cheek_left"), regions=np.stack([up, down]).astype(np.float32))
-
-
-@pytest.mark.parametrize(("ratio", "oil"), [(1.0, 0.0), (1.15, 0.5), (1.6, 1.0)])
-def test_oil_is_how_much_more_specular_the_forehead_is(ratio: float, oil: float) -> None:
-    head = regioned()
-    chart = Chart.build(head, 192, 128)
-    forehead = chart.interpolate(head.region("forehead"))[..., 0] > 0.5
-    specular = np.where(forehead, 30000 * ratio, 30000).astype(np.uint16)
-    assert oil_of(chart, specular) == pytest.approx(oil, abs=0.02)
-    assert oil_of(chart, None) == oil_of(chart, np.zeros_like(specular)) == USUAL_OIL
 
 
 def test_a_head_without_skin_is_thick() -> None:
