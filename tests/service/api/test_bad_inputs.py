@@ -73,6 +73,8 @@ def part(name: str, content: bytes, extra: str = "") -> bytes:
 END = b"--b--\r\n"
 FORM = "multipart/form-data; boundary=b"
 FILE = '; filename="photo.jpg"'
+HALF = b'{"a": [{"b": "x\\ud800y"}]}'
+"""The first half of a surrogate pair: JSON can write it, and nothing can encode it."""
 
 
 BODIES: dict[str, tuple[bytes, str, int, str]] = {
@@ -81,6 +83,8 @@ BODIES: dict[str, tuple[bytes, str, int, str]] = {
     "no image": (b"", "image/jpeg", 400, "missing-file"),
     "json": (GOOD, "application/json", 415, "unsupported-media-type"),
     "no type": (GOOD, "", 415, "unsupported-media-type"),
+    "no name": (b"--b\r\nContent-Disposition: form-data\r\n\r\nx\r\n" + END, FORM, 400, "malformed-multipart"),
+    "half a character": (part("image", GOOD) + part("metadata", HALF) + END, FORM, 422, "malformed-metadata"),
     "no boundary": (GOOD, "multipart/form-data", 400, "malformed-multipart"),
     "empty boundary": (GOOD, "multipart/form-data; boundary=", 400, "malformed-multipart"),
     "other boundary": (part("image", GOOD) + END, "multipart/form-data; boundary=o", 400, "malformed-multipart"),
@@ -123,8 +127,11 @@ def test_a_body_that_is_not_as_announced_is_refused(shared: Api, name: str) -> N
     assert shared.stored() == before, "nothing of a refused request may stay on the disk"
 
 
-def test_a_photo_can_be_the_body_itself(shared: Api) -> None:
-    assert raw(shared, GOOD, "image/jpeg").status_code == 202
+def test_a_body_in_another_coding_is_refused(shared: Api) -> None:
+    headers = {"Content-Type": "image/jpeg", "Content-Encoding": "gzip"}
+    answer = shared.client.post("/v1/avatars", content=b"x", headers=headers)
+    is_problem(answer, 415, "unsupported-media-type")
+    assert answer.headers["accept-encoding"] == "identity"
 
 
 @pytest.mark.parametrize(
@@ -140,6 +147,7 @@ def test_a_photo_can_be_the_body_itself(shared: Api) -> None:
         pytest.param('{"seed": -1}', 422, "usage", "/seed", id="negative"),
         pytest.param('{"iterations": 1' + "0" * 400 + "}", 422, "usage", "/iterations", id="400 digits"),
         pytest.param('{"seed": true}', 422, "usage", "/seed", id="true"),
+        pytest.param('{"\\ud800": "a"}', 422, "malformed-options", "", id="half a character"),
         pytest.param('{"face": "/x"}', 422, "usage", "/face", id="a path"),
         pytest.param('{"seed": 1e30}', 422, "usage", "/seed", id="huge"),
         pytest.param('{"seed": "x"}', 422, "usage", "/seed", id="a word"),

@@ -22,6 +22,7 @@ from tests.support.server import Server, in_threads, post, small_photo, wait_for
 from tests.support.toy_picture import picture
 
 RENDERS = "/v1/renders"
+LAMP = "/scene/lights/0/intensity/1"
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +130,10 @@ def test_a_fault_of_the_renderer_is_a_problem(api: Api, finished: str) -> None:
     assert "viewpoint" in error["detail"]
 
 
+def scene(**parts: Any) -> dict[str, Any]:
+    return {"avatar": "x" * 32, "scene": parts}
+
+
 @pytest.mark.parametrize(
     ("content", "status", "code", "pointer"),
     [
@@ -142,15 +147,17 @@ def test_a_fault_of_the_renderer_is_a_problem(api: Api, finished: str) -> None:
         ({"avatar": "x" * 32, "size": [4, 4]}, 422, "usage", "/size"),
         ({"avatar": "x" * 32, "size": "big"}, 422, "usage", "/size"),
         ({"avatar": "x" * 32, "size": [4096, 4096]}, 422, "usage", "/size"),
+        ({"avatar": "x" * 32, "size": [1]}, 422, "usage", "/size"),
         ({"avatar": "x" * 32, "samples": True}, 422, "usage", "/samples"),
         ({"avatar": "x" * 32, "view": []}, 422, "usage", "/view"),
-        ({"avatar": "x" * 32, "scene": {"lamps": []}}, 422, "usage", None),
-        (
-            {"avatar": "x" * 32, "scene": {"lights": [{"position_m": [0, 0], "intensity": [1, 1, 1]}]}},
-            422,
-            "usage",
-            None,
-        ),
+        ({"avatar": "x" * 32, "view": "../../etc/passwd"}, 422, "usage", "/view"),
+        ({"avatar": "x" * 32, "view": 10**400}, 422, "usage", "/view"),
+        ({"avatar": "x" * 32, "tolerance": 10**400}, 422, "usage", "/tolerance"),
+        (scene(environment={"name": "../../etc/passwd"}), 422, "usage", "/scene/environment/name"),
+        (scene(environment={"softboxes": [{}]}), 422, "usage", "/scene/environment/softboxes/0/direction"),
+        (scene(lights=[{"position_m": [0, 0, 1], "intensity": [1, "x", 1]}]), 422, "usage", LAMP),
+        (scene(lights=[{"position_m": [0, 0], "intensity": [1, 1, 1]}]), 422, "usage", None),
+        (scene(lamps=[]), 422, "usage", None),
         ({"avatar": "x" * 32}, 404, "not-found", None),
         ({"avatar": "../../etc"}, 404, "not-found", None),
     ],
@@ -159,6 +166,7 @@ def test_what_is_wrong_is_said(api: Api, content: Any, status: int, code: str, p
     body = is_problem(api.ask(RENDERS, content), status, code)
     if pointer is not None:
         assert body.get("pointer", "") == pointer
+    assert not any(word in body["detail"] for word in ("True", "None", ",)", "__init__", "Traceback")), body
 
 
 def test_other_kinds_of_body_and_large_ones_are_refused(api: Api) -> None:

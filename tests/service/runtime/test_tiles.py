@@ -115,24 +115,21 @@ def test_nan_in_one_tile_is_named_by_channel(plain: Network) -> None:
         tiled(plain, maps, 16)
 
 
-def test_a_failing_reader_is_heard(plain: Network) -> None:
-    """Reading happens in another thread; its exception must not vanish there."""
+def test_a_failing_reader_or_writer_is_heard(plain: Network) -> None:
+    """They run in other threads, where an exception must not vanish; nor that of the last tile, after which nothing
+    else is waited for.
+    """
+    maps = image(40, 40)
 
     def read(rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Float:
         raise KeyError("no such channel")
-
-    with pytest.raises(KeyError, match="no such channel"):
-        run_tiles(plain, read, (40, 40), lambda t, x: None)
-
-
-def test_a_failing_writer_is_heard(plain: Network) -> None:
-    """Also of the last tile, after which nothing else is waited for."""
-    maps = image(40, 40)
 
     def write(one: Tile, part: Float) -> None:
         if one.bottom == one.right == 40:
             raise OSError("no space")
 
+    with pytest.raises(KeyError, match="no such channel"):
+        run_tiles(plain, read, (40, 40), lambda t, x: None)
     for tile in (16, 64):
         with pytest.raises(OSError, match="no space"):
             run_tiles(plain, lambda rows, columns: maps[:, rows][:, :, columns], (40, 40), write, tile=tile)
