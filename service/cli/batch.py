@@ -14,7 +14,7 @@ import typer
 
 from service.cli.failures import INTERRUPTED, describe
 from service.cli.files import head_file
-from service.cli.flags import AVATAR, Head, Json, asked, with_flags
+from service.cli.flags import AVATAR, Flag, Head, Json, asked, parsed, with_flags
 from service.errors import UsageError
 from service.machine import processors
 
@@ -25,34 +25,32 @@ KEY = "AVATARME_API_KEY"
 """Variable with the API key: what stands on a command line can be read by every user of the machine."""
 
 
-@with_flags(AVATAR)
+def _part(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        raise UsageError(f"shard is {text!r}; write K/N with K from 1 to N, for example 3/20", field="shard")
+    return int(found[1]), int(found[2])
+
+
+BATCH = {
+    "server": Flag("Server that makes them; its key: AVATARME_API_KEY.", metavar="URL", envvar="AVATARME_SERVER"),
+    "database": Flag("Postgres of workers on other machines that make them.", metavar="URL"),
+    "jobs": Flag("Photos at the same time. [default: 4, here one for two processors]", int),
+    "group_by": Flag("One avatar of the photos in a folder, or of ada-1, ada-2 ...", metavar="folder|prefix"),
+    "shard": Flag("Only the K-th of N parts, for array jobs; then --resume merges.", metavar="K/N", parse=_part),
+    "timeout": Flag("Longest time of one photo. [default: 1800]", float, "SECONDS"),
+}
+"""How a batch is made; all else is of ``make``."""
+
+
+@with_flags(BATCH | AVATAR)
 def batch(
     folder: Annotated[
         str, typer.Argument(metavar="IN", help="Folder with photos, in folders of its own too, or s3://")
     ],
     out: Annotated[str, typer.Argument(metavar="OUT", help="Folder or s3:// for archives and report.jsonl.")],
-    server: Annotated[
-        str | None,
-        typer.Option(
-            metavar="URL", envvar="AVATARME_SERVER", help="Server that makes them; its key: AVATARME_API_KEY."
-        ),
-    ] = None,
-    database: Annotated[
-        str, typer.Option(metavar="URL", help="Postgres of workers on other machines that make them.")
-    ] = "",
-    jobs: Annotated[
-        int | None, typer.Option(help="Photos at the same time. [default: 4, here one for two processors]")
-    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the report in OUT.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Look for new photos until Ctrl-C.")] = False,
-    group_by: Annotated[
-        str | None,
-        typer.Option(metavar="folder|prefix", help="One avatar of the photos in a folder, or of ada-1, ada-2 ..."),
-    ] = None,
-    shard: Annotated[
-        str | None, typer.Option(metavar="K/N", help="Only the K-th of N parts, for array jobs; then --resume merges.")
-    ] = None,
-    timeout: Annotated[float, typer.Option(metavar="SECONDS", help="Longest time of one photo.")] = 1800.0,
     keep: Annotated[bool, typer.Option("--keep", help="Leave archives on the server until they expire.")] = False,
     head: Head = None,
     as_json: Json = False,
@@ -68,13 +66,15 @@ def batch(
     from service.batch.plan import REPORT
 
     begin = time.perf_counter()
+    given = parsed(BATCH, {name: flags.pop(name) for name in BATCH})
     options = {name: list(value) if isinstance(value, tuple) else value for name, value in asked(flags).items()}
     if head_file(head) is not None:
         options["head"] = str(Path(str(head)).absolute())
+    source, jobs = grouped_source(folder, given.pop("group_by", None)), given.pop("jobs", None)
     wanted = driver.Wanted(
-        source=grouped_source(folder, group_by), out=out, options=options, jobs=jobs or default_jobs(server),
-        shard=_part(shard), api_key=os.environ.get(KEY), server=server, database=database, resume=resume, watch=watch,
-        timeout_s=timeout, keep=keep,
+        source=source, out=out, options=options, jobs=jobs or default_jobs(given.get("server")), resume=resume,
+        watch=watch, keep=keep, timeout_s=given.pop("timeout", driver.Wanted.timeout_s),
+        api_key=os.environ.get(KEY), **given,
     )  # fmt: skip
     _check(wanted, jobs, head)
     try:
@@ -107,15 +107,6 @@ def default_jobs(server: str | None) -> int:
     if server is not None:
         return 4  # a server takes its time anyway
     return max(1, processors() // 2)
-
-
-def _part(text: str | None) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
-    if found is None or not 1 <= int(found[1]) <= int(found[2]):
-        raise UsageError(f"shard is {text!r}; write K/N with K from 1 to N, for example 3/20", field="shard")
-    return int(found[1]), int(found[2])
 
 
 def _check(wanted: Wanted, jobs: int | None, head: str | None) -> None:

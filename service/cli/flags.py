@@ -26,12 +26,14 @@ class Flag(NamedTuple):
         kind: str, int or float.
         metavar: what stands for the value in the help.
         parse: makes the value of the text; None where it is the text.
+        envvar: variable that it may come from.
     """
 
     help: str
     kind: type = str
     metavar: str | None = None
     parse: Callable[[str], Any] | None = None
+    envvar: str | None = None
 
 
 def with_flags(flags: Mapping[str, Flag]) -> Callable[[Command], Command]:
@@ -42,7 +44,9 @@ def with_flags(flags: Mapping[str, Flag]) -> Callable[[Command], Command]:
         taken = [
             inspect.Parameter(
                 name, inspect.Parameter.KEYWORD_ONLY, default=None,
-                annotation=Annotated[flag.kind | None, typer.Option(help=flag.help, metavar=flag.metavar)],
+                annotation=Annotated[
+                    flag.kind | None, typer.Option(help=flag.help, metavar=flag.metavar, envvar=flag.envvar)
+                ],
             )
             for name, flag in flags.items()
         ]  # fmt: skip
