@@ -180,11 +180,8 @@ def tables(found: Mapping[str, Found]) -> list[str]:
             means = [known_mean(column) for column in zip(*chosen, strict=True)]
             lines.append(f"| **mean** | {tone} ({len(chosen)}) | {_row(means)} |")
     names = [name for name in regions_of() if name != "cheeks"]
-    lines += [
-        "",
-        "| brightness over the cheeks', ours / truth | " + " | ".join(names) + " |",
-        "|---" * (len(names) + 1) + "|",
-    ]
+    title = "| brightness over the cheeks', ours / truth | " + " | ".join(names) + " |"
+    lines += ["", title, "|---" * (len(names) + 1) + "|"]
     for photo, one in found.items():
         lines.append(f"| {photo} | " + " | ".join(_ratio(one.regions.get(name)) for name in names) + " |")
     off = [_within([one.regions[name] for one in found.values() if name in one.regions]) for name in names]

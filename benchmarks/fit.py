@@ -132,7 +132,7 @@ def people(folder: Path, readers: Readers | None = None) -> dict[str, list[Shot]
     for shot in shots:
         found.setdefault(shot.name.split("_")[0], []).append(shot)
     if missed:
-        _say(f"no face found in {missed} photos")
+        print(f"no face found in {missed} photos", flush=True)
     return {name: sorted(own, key=lambda shot: int(shot.name.split("_")[1])) for name, own in sorted(found.items())}
 
 
@@ -145,7 +145,8 @@ VIEWS_HEADER = (
 def by_views(folder: Path, counts: Sequence[int], head: HeadModel) -> None:
     """Print a table: the joint fit of each head's first so many photos, beside the average head's in the same ones."""
     everybody, average = people(folder), FitSettings(**SETTINGS[AVERAGE])
-    _say(f"{len(everybody)} heads, each from all sides in other lights by other cameras.\n\n{VIEWS_HEADER}")
+    print(f"{len(everybody)} heads, each from all sides in other lights by other cameras.\n", flush=True)
+    print(VIEWS_HEADER, flush=True)
     usual = {
         shot.name: _scored(fit_face(shot.face, shot.photo, head, average), head, shot)
         for shots in everybody.values()
@@ -164,10 +165,10 @@ def by_views(folder: Path, counts: Sequence[int], head: HeadModel) -> None:
         first = np.array([[(s.median_mm, s.same_pixel_mm) for s in own[0] if s] for own in pairs]).mean(0)
         every = np.array([[s.median_mm for s in pair if s] for own in pairs for pair in own if all(pair)]).mean(0)
         (near, pixel), (near_over, pixel_over) = first[0], first[0] / first[1]
-        _say(
+        print(
             f"| {count} | {near:.3f} | **{near_over:.3f}** | {pixel:.3f} | **{pixel_over:.3f}** | {every[0]:.3f} "
-            f"| {every[0] / every[1]:.3f} | {(seconds - alone) / max(count - 1, 1):.2f} |"
-        )
+            f"| {every[0] / every[1]:.3f} | {(seconds - alone) / max(count - 1, 1):.2f} |", flush=True,
+        )  # fmt: skip
 
 
 def _scored(fit: Fit, head: HeadModel, shot: Shot) -> Score | None:
@@ -270,7 +271,7 @@ def main() -> None:
     default, failed = run(shots, head, FitSettings())
     lines += [f"## The default ({failed} photos could not be fitted)", "", HEADER, row("all", default, average)]
     lines += [row(name, part, average) for name, part in parts(default)]
-    _say("\n".join(lines))
+    print("\n".join(lines), flush=True)
     open_shots = [shot for shot in shots if shot.head_number not in HELD_OUT]
     order = np.random.default_rng(0).permutation(len(open_shots))[: max(1, arguments.compare)]
     some = [open_shots[k] for k in sorted(order)]
@@ -279,12 +280,12 @@ def main() -> None:
     for name, values in SETTINGS.items():
         results, failed = run(some, head, FitSettings(**values), read=NOT_READ not in name)
         lines.append(row(name + (f" ({failed} failed)" if failed else ""), results, average))
-        _say(lines[-1])
+        print(lines[-1], flush=True)
         points[name] = (_median([r.seconds for r in results]), _median([r.score.median_mm for r in results]))
     for folder in arguments.reader:
         results, failed = run(read_by(folder, some), head, FitSettings())
         lines.append(row(f"full, reader {folder.name}" + (f" ({failed} failed)" if failed else ""), results, average))
-        _say(lines[-1])
+        print(lines[-1], flush=True)
     if arguments.write:
         plot(points, arguments.write / "fit-accuracy.png")
         text = "# Accuracy of the fit\n\nWritten by `python -m benchmarks.fit --write docs`"
@@ -294,13 +295,6 @@ def main() -> None:
 
 def _median(values: list[float]) -> float:
     return float(np.median(values)) if values else float("nan")
-
-
-def _say(text: str) -> None:
-    import sys
-
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

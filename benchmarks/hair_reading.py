@@ -11,7 +11,6 @@ the leftmost), and any of the kinds; what is empty is not asked.
 from __future__ import annotations
 
 import csv
-import sys
 from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -76,7 +75,7 @@ class Tally:
             f"{name:<12} n {len(self.overlap):>4} unread {self.missed:>3}  "
             f"overlap {_mean(self.overlap)} (parts alone {_mean(self.before)})  "
             f"direction {_mean(self.degrees, 1)}  "
-            f"ends {_median(self.ends_mm)} mm  {kinds}  mean probability {_mean(self.sure)}\n"
+            f"ends {_median(self.ends_mm)} mm  {kinds}  mean probability {_mean(self.sure)}"
         )
 
 
@@ -199,7 +198,7 @@ def of_photos(photos: Path, table: Path, eyes: Eyes) -> str:
             mark = "ok" if said == true else f"NO: {true}"
             lines.append(f"{row['photo']:<34} {said:<9}{chance:.2f} {mark:<13} {ends}  {', '.join(told)}")
     sums = "  ".join(f"{kind} {sum(v)}/{len(v)}" for kind, v in right.items())
-    return "\n".join([*lines, sums]) + "\n"
+    return "\n".join([*lines, sums])
 
 
 def main(
@@ -213,12 +212,12 @@ def main(
     eyes = Eyes()
     if data is not None:
         for name, tally in of_portraits(data, most, eyes).items():
-            sys.stdout.write(tally.lines(name or "no hair"))
+            print(tally.lines(name or "no hair"))
     if meshes is not None:
         for folder in sorted(path for path in meshes.iterdir() if path.name in MESH_KINDS):
-            sys.stdout.write(of_portraits(folder, most, eyes, folder.name)["all"].lines(folder.name))
+            print(of_portraits(folder, most, eyes, folder.name)["all"].lines(folder.name))
     if photos is not None and table is not None:
-        sys.stdout.write(of_photos(photos, table, eyes))
+        print(of_photos(photos, table, eyes))
 
 
 if __name__ == "__main__":

@@ -187,9 +187,7 @@ class Pair:
         return self.without_db - self.with_db
 
 
-def compared(
-    intruder: str, seed: int, bare: Sight, changed: Bool, rest: Bool, clean: Float32, worn: Float32
-) -> Pair:  # fmt: skip
+def compared(intruder: str, seed: int, bare: Sight, changed: Bool, rest: Bool, clean: Float32, worn: Float32) -> Pair:
     """Of albedos (h, w, 3) without the intruder and with it, over skin (H, W) that it changed and the rest."""
     from skimage.color import rgb2lab
 

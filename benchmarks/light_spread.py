@@ -195,11 +195,8 @@ def table(runs: Mapping[tuple[str, str], Run], kinds: Mapping[str, str], quality
     for kind in (*named, ALL):
         told = np.mean([numbers(one) for (who, _), one in runs.items() if kind in (kinds[who], ALL)], 0)
         lines.append(f"| {kind} | all | mean | {' | '.join(f'**{value:.1f}**' for value in told)} |")
-    lines += [
-        "",
-        f"| standard deviation (sRGB, 255 = 1) | over lights: {' | '.join((*named, ALL))} | over heads | ratio |",
-    ]
-    lines.append("|---" * (4 + len(named)) + "|")
+    title = f"| standard deviation (sRGB, 255 = 1) | over lights: {' | '.join((*named, ALL))} | over heads | ratio |"
+    lines += ["", title, "|---" * (4 + len(named)) + "|"]
     for name in ("albedo", "texture"):
         found = Spread.of(runs, kinds, name)
         lights = " | ".join(f"{255 * found.over_lights[kind]:.1f}" for kind in (*named, ALL))

@@ -9,7 +9,6 @@ kept, so a run can be broken off and resumed.
 from __future__ import annotations
 
 import argparse
-import logging
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -36,7 +35,6 @@ FFHQ_SCALE_M = 0.1
 """Metres per unit of the FFHQ-UV head."""
 FFHQ_EYES_M = np.array([[0.0321, 0.0357, 0.0310], [-0.0310, 0.0360, 0.0313]])
 """Its eyeball centres, left first."""
-log = logging.getLogger("shoot")
 
 
 def data_folder(given: str | None) -> Path:
@@ -113,7 +111,6 @@ def main() -> None:
     parser.add_argument("--heads", type=int, default=20)
     parser.add_argument("--views", action="store_true", help="several photos of each head, from all sides")
     arguments = parser.parse_args()
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
     data, out = data_folder(arguments.data), arguments.out
     out.mkdir(parents=True, exist_ok=True)
     os.nice(10)
@@ -155,14 +152,14 @@ def shoot_views(people: Iterable[TexturedHead], out: Path) -> None:
             shot = Shot(yaw, light, distance, fov, seed=int(rng.integers(1000)))
             name = f"{head.name}_{number}_{yaw}_{light}"
             if take_once(head, shot, out / name):
-                log.info("%s", name)
+                print(name, flush=True)
 
 
 def shoot(head: TexturedHead, shot: Shot, out: Path, tag: str) -> None:
     """Take one photo unless it is there already."""
     path = out / f"{head.name}{tag}_{abs(shot.yaw):.0f}_{shot.light}"
     if take_once(head, shot, path):
-        log.info("%s", path.name)
+        print(path.name, flush=True)
 
 
 if __name__ == "__main__":

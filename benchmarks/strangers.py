@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
@@ -107,15 +106,13 @@ def main() -> None:
     arguments = parser.parse_args()
     turned, strangers = rendered(arguments.photos / "views"), real(arguments.real)
     same, apart = np.percentile(distances(turned), [5, 50, 95, 100]), np.percentile(between(strangers), [0, 1, 5, 50])
-    sys.stdout.write(
-        f"{len(turned)} rendered heads from several sides, one person: {same.round(2)} (percentiles 5, 50, 95, 100)\n"
-        f"{len(strangers)} real people, two of them: {apart.round(2)} (percentiles 0, 1, 5, 50)\n"
-    )
+    print(f"{len(turned)} rendered heads from several sides, one person: {same.round(2)} (percentiles 5, 50, 95, 100)")
+    print(f"{len(strangers)} real people, two of them: {apart.round(2)} (percentiles 0, 1, 5, 50)")
     for threshold in (*THRESHOLDS, STRANGE):
         rng = np.random.default_rng(0)
         rows = [rates(own, strangers, threshold, rng) for own in (turned, strangers)]
         words = "; ".join(f"found {found:.3f}, false alarms {alarms:.3f}" for found, alarms in rows)
-        sys.stdout.write(f"threshold {threshold:.2f}: among rendered and among real photos: {words}\n")
+        print(f"threshold {threshold:.2f}: among rendered and among real photos: {words}")
 
 
 if __name__ == "__main__":

@@ -132,11 +132,7 @@ def photo_rows(photos: Sequence[Verdicts]) -> list[str]:
     return lines
 
 
-def page(
-    registry: Sequence[Correction],
-    photos: Sequence[Verdicts],
-    size: tuple[int, int],
-) -> str:
+def page(registry: Sequence[Correction], photos: Sequence[Verdicts], size: tuple[int, int]) -> str:
     """The whole page in Markdown."""
     head = HEADER.format(size=size, count=len(photos), enough=ENOUGH_DB)
     mended = [f"- `{rule.name}`: {rule.mends}" for rule in registry]
@@ -165,14 +161,12 @@ def on_rendered(data: Path, cache: Path, wanted: tuple[str, ...], rules: Product
     for photo in photos(data, cache, wanted):
         begin = time.perf_counter()
         one = tried(photo.name, photo.groups, photo.data, rules, partial(Judge.of, photo))
-        _say(f"{photo.name}: {one.score.best:.1f} dB, {time.perf_counter() - begin:.0f} s")
+        typer.echo(f"{photo.name}: {one.score.best:.1f} dB, {time.perf_counter() - begin:.0f} s", err=True)
         found.append(one)
     return found
 
 
-def trial(
-    data: Path, cache: Path, rules: Product, wanted: tuple[str, ...], jobs: int = 1
-) -> list[Verdicts]:
+def trial(data: Path, cache: Path, rules: Product, wanted: tuple[str, ...], jobs: int = 1) -> list[Verdicts]:
     """Verdicts on the photos of the wanted names."""
     cache.mkdir(parents=True, exist_ok=True)
     if jobs == 1:
@@ -182,10 +176,6 @@ def trial(
     with ProcessPoolExecutor(jobs) as pool:
         rendered = [pool.submit(on_rendered, data, cache, (name,), rules) for name in wanted]
         return [verdict for one in rendered for verdict in one.result()]
-
-
-def _say(text: str) -> None:
-    typer.echo(text, err=True)
 
 
 def main(
@@ -200,7 +190,7 @@ def main(
     folder, rules = data_folder(None if data is None else str(data)), Product()
     text = page(rules.registry, trial(folder, cache, rules, names(quick), jobs), SIZE)
     typer.echo(text)
-    _say(f"{time.perf_counter() - begin:.0f} s in all")
+    typer.echo(f"{time.perf_counter() - begin:.0f} s in all", err=True)
     if output is not None:
         output.write_text(text, "utf-8")
 
