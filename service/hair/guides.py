@@ -251,7 +251,8 @@ class _Hanging:
         parted = 0.15 * np.exp(-np.square(_from_parting(style, roots) / 0.012)) if style.parting != "none" else 0.0
         # Long strands have long steps: the first of them must not carry them farther from the skin than short ones'.
         rising = np.clip(style.lift + parted, 0, 1) * np.clip(RISES_M / np.maximum(step[:, 0], 1e-6), 0.3, 1)
-        before = _forward(roots) & (rng.random(count) >= style.tucked)
+        # What pins leave at the temples is a lock or two: it falls behind the shoulders with the rest.
+        before = _forward(roots) & (rng.random(count) >= style.tucked) & (style.gather != "pinned")
         astray = rng.normal(0, 0.7, (count, 3)).astype(np.float32) * np.exp(
             -np.square(np.linalg.norm(roots.position - CROWN, axis=1, keepdims=True) / 0.035)
         )

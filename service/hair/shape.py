@@ -288,6 +288,8 @@ BENT = 2500
 FARTHEST_CELLS, ABOVE_CELLS = 14.0, 4.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm where it lies on the head or hangs, and 16 mm where
 it would stand up from the head."""
+STRETCHED = 1.5
+"""Most that a strand is stretched to reach it."""
 STEEP_M = 0.015
 """Range of the skin's depth in a cell and its neighbours from which on it is steep."""
 OFF_M = (0.002, 0.008)
@@ -335,6 +337,10 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     pixel = sight.region.to_photo(cells, CELLS)
     ray = np.concatenate([(pixel - camera.principal_point) / camera.focal_px, np.ones((len(cells), 1))], 1)
     target = (ray * wanted[:, None] - camera.translation) @ camera.rotation
+    # Hair that is much too short to reach the cell is not what the photo shows there.
+    whole = np.linalg.norm(np.diff(strands[strand], axis=1), axis=2).sum(1)
+    long = np.linalg.norm(target - strands[strand, 0], axis=1) < STRETCHED * whole
+    strand, place, target = strand[long], place[long], target[long]
     shift = target - strands[strand, place]
     share = np.clip(np.arange(points)[None] / np.maximum(place, 1)[:, None], 0, 1)
     bent = strands[strand] + (share**1.5)[..., None] * shift[:, None]

@@ -233,6 +233,15 @@ def test_what_is_uncovered_gets_strands_and_no_more() -> None:
     assert len(filled(own.groom, own.sight, SKIN, np.random.default_rng(0))) < 1.2 * len(own.groom)
 
 
+def test_a_crop_is_not_stretched_over_the_face() -> None:
+    """The photo shows long hair on the cheeks, the style is a crop: cells that it cannot reach stay uncovered."""
+    seen = photographed(NAMED["bob"], 3, HEAD)
+    crop = photographed(NAMED["crop"], 3, HEAD).groom
+    made = filled(crop, seen.sight, SKIN, np.random.default_rng(0))
+    length = [np.linalg.norm(np.diff(one.strands, axis=1), axis=2).sum(1).max() for one in (crop, made)]
+    assert length[1] < 1.8 * length[0]
+
+
 def test_cells_are_those_of_the_camera_and_the_square() -> None:
     sight = photographed(NAMED["crop"], 1, HEAD, yaw=25.0, pitch=-10.0, strands=50).sight
     turned = dataclasses.replace(sight, region=Region(50.0, 60.0, 90.0, 0.3))

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from service.face.finder import FaceFinder
-from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, PARTS
+from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, PARTS, SKIN
 from service.face.reading.reader import CELLS as READER_CELLS
 from service.face.reading.reader import PART_CELLS, Readers, Reading, crop_of, read_face
 from service.face.region import Region
 from service.hair.kinds import KINDS
-from service.hair.reading import CELLS, SIDE, HairNetwork, read_hair, region_of
+from service.hair.reading import CELLS, SIDE, HairNetwork, read_hair, region_of, together
 from service.photo.gate import read_photo
 
 SAMPLE = Path(__file__).parents[3] / "service" / "data" / "sample" / "astronaut.png"
@@ -93,6 +93,15 @@ def test_probabilities_sum_to_one_and_nothing_is_read_beside_the_photo() -> None
     assert found.mask[~beside].mean() > 0.9
     assert 0 < found.visible < 1
     np.testing.assert_allclose(np.linalg.norm(found.direction, axis=2), 1.0, atol=1e-5)
+
+
+def test_where_the_reader_of_faces_is_sure_of_hair_or_skin_it_counts() -> None:
+    """Fair locks that the network doubts are hair, a bald top that it takes for hair is none; the rest is its own."""
+    own, parts = np.array([[0.3, 0.02, 0.9, 0.7]], np.float32), np.zeros((1, 4, len(PARTS)), np.float32)
+    parts[0, :2, HAIR], parts[0, 2, SKIN], parts[0, 3, BACKGROUND] = 0.95, 0.98, 1.0
+    found = together(own, parts)[0]
+    assert found[0] > 0.9 and found[2] < 0.1
+    np.testing.assert_array_equal(found[[1, 3]], own[0, [1, 3]])
 
 
 def test_a_hat_hides_whether_there_is_hair() -> None:
