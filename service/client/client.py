@@ -16,7 +16,6 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 import httpx
-import httpx_sse
 
 from service.client.download import Download
 from service.client.errors import (
@@ -28,7 +27,7 @@ from service.client.errors import (
     WaitTimedOut,
     failure,
 )
-from service.client.transport import AGAIN, Transport, bounded, read_json, read_picture, setback
+from service.client.transport import AGAIN, Transport, read_json, read_picture
 from service.errors import AvatarError, UsageError
 from service.photo.video import is_video
 
@@ -38,14 +37,8 @@ Progress = Callable[[str, float], None]
 State = Literal["queued", "running", "succeeded", "failed", "cancelled", "expired"]
 STATES: tuple[State, ...] = ("queued", "running", "succeeded", "failed", "cancelled", "expired")
 
-_SILENCE_S = 45.0
-"""The server sends a heartbeat every 15 s; three missed ones mean that the connection is dead."""
-
-_ASK_EVERY_S = (1.0, 5.0)
-"""Pause between questions in seconds: first and longest."""
-
-_LARGEST_STREAM = 16 << 20
-"""Bytes of events over one connection; what they describe takes some ten kilobytes."""
+_ASK_EVERY_S = (0.5, 2.0)
+"""Pause between two questions how far a job is, in seconds: first and longest."""
 
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,127}")
 
@@ -109,25 +102,6 @@ class Job:
             options=_object(content.get("options")),
             content=content,
         )
-
-
-@dataclass(frozen=True)
-class Event:
-    """One event of a job.
-
-    Attributes:
-        name: ``progress``, ``state``, or what a newer server sends.
-        data: its JSON object; empty where the data is none.
-        id: what to send as ``Last-Event-ID`` to go on after it; empty where the stream has no ids.
-    """
-
-    name: str
-    data: Mapping[str, Any]
-    id: str = ""
-
-    def final(self) -> bool:
-        """Whether nothing comes after this event."""
-        return self.name == "state" and self.data.get("state") in STATES[2:]
 
 
 class Client:
@@ -207,58 +181,31 @@ class Client:
         """
         return Job.parse(self._transport.ask("GET", _path(job_id), read_json))
 
-    def events(self, job_id: str, *, last_event_id: str = "", timeout_s: float | None = None) -> Iterator[Event]:
-        """Events of a job until it ends, over broken connections too; the last one is a final ``state``.
+    def follow(self, job_id: str, *, timeout_s: float | None = None) -> Iterator[Job]:
+        """What the server says of a job, asked again and again until it has ended.
 
         Args:
             job_id: the job.
-            last_event_id: go on after this event.
             timeout_s: how long to follow.
 
         Raises:
             WaitTimedOut: the time is over; the job goes on.
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
-        path, time_left = _path(job_id), _countdown(job_id, timeout_s)
-        streams, before, (pause, longest) = True, None, _ASK_EVERY_S
+        return self._followed(_path(job_id), timeout_s)
+
+    def _followed(self, path: str, timeout_s: float | None = None) -> Iterator[Job]:
+        end, (pause, longest) = math.inf if timeout_s is None else time.monotonic() + timeout_s, _ASK_EVERY_S
         while True:
-            if streams:
-                streams = False  # one that brings nothing is the last; from then on the client asks
-                with contextlib.suppress(httpx.TransportError):
-                    for event in self._stream(path, last_event_id, time_left):
-                        streams, last_event_id = True, event.id
-                        yield event
-                        if event.final():
-                            return
-            time_left()
-            job = self.state(job_id)
-            now = (job.state, job.stage, job.progress)
-            if job.ended or (not streams and now != before):
-                before = now
-                yield Event("state", job.content, last_event_id)
+            job = Job.parse(self._transport.ask("GET", path, read_json))
+            yield job
+            left = end - time.monotonic()
             if job.ended:
                 return
-            time.sleep(min(pause, time_left()))
+            if left <= 0:
+                raise WaitTimedOut(f"job {job.id} did not end in time; it goes on at the server")
+            time.sleep(min(pause, left))
             pause = min(1.5 * pause, longest)
-
-    def _stream(self, path: str, last_id: str, time_left: Callable[[], float]) -> Iterator[Event]:
-        """The events of one connection; none where there are none to be had.
-
-        Raises:
-            httpx.TransportError: it broke.
-        """
-        headers = {"Last-Event-ID": last_id} if last_id else {}
-        url, silence = f"{self._transport.server}{path}/events", min(_SILENCE_S, time_left())
-        with httpx_sse.connect_sse(self._transport.http, "GET", url, headers=headers, timeout=silence) as source:
-            response = source.response
-            if response.is_success and "text/event-stream" in response.headers.get("Content-Type", ""):
-                # Heartbeats, of which the library says nothing, count as time too: a job may be silent for long.
-                response.stream = _Watched(response.stream, time_left)
-                for event in source.iter_sse():
-                    if event.data:
-                        yield Event(event.event, _parsed(event.data), event.id or last_id)
-            elif response.status_code in (401, 403):
-                raise setback(response).fault
 
     def wait(
         self, job_id: str, *, timeout_s: float | None = None, progress: Progress = lambda stage, done: None
@@ -268,7 +215,7 @@ class Client:
         Args:
             job_id: the job.
             timeout_s: how long to wait.
-            progress: told whenever the job gets on.
+            progress: told how far the job is, each time that the server is asked.
 
         Raises:
             WaitTimedOut: the time is over; the job goes on.
@@ -277,11 +224,8 @@ class Client:
             JobCancelled: somebody cancelled the job.
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
-        for event in self.events(job_id, timeout_s=timeout_s):
-            stage = event.data.get("stage")
-            if isinstance(stage, str) and "progress" in event.data:
-                progress(stage, share(event.data["progress"]))
-        job = self.state(job_id)
+        for job in self.follow(job_id, timeout_s=timeout_s):
+            progress(job.stage, job.progress)
         if (fault := job.fault()) is not None:
             raise fault
         return job
@@ -344,9 +288,7 @@ class Client:
         made = self._transport.ask("POST", "/v1/renders", read, headers=headers, content=wanted)
         if isinstance(made, bytes):
             return made
-        while not made.ended:
-            time.sleep(_ASK_EVERY_S[0])
-            made = Job.parse(self._transport.ask("GET", f"/v1/renders/{made.id}", read_json))
+        *_, made = self._followed(f"/v1/renders/{made.id}")
         if (fault := made.fault()) is not None:
             raise fault
         return self._transport.ask("GET", f"/v1/renders/{made.id}/picture.png", read_picture)
@@ -373,35 +315,6 @@ class Client:
         if not isinstance(content, dict):
             raise UnexpectedAnswer(f"{path} answered with {type(content).__name__} instead of an object")
         return content
-
-
-class _Watched(httpx.SyncByteStream):
-    """A stream of events that ends when its time is over or it brings too much."""
-
-    def __init__(self, stream: Any, time_left: Callable[[], float]) -> None:
-        self._stream = stream
-        self._time_left = time_left
-
-    def __iter__(self) -> Iterator[bytes]:
-        for chunk in bounded(iter(self._stream), _LARGEST_STREAM):
-            yield chunk
-            self._time_left()
-
-    def close(self) -> None:
-        self._stream.close()
-
-
-def _countdown(job_id: str, timeout_s: float | None) -> Callable[[], float]:
-    """A function that gives the seconds that are left, and raises WaitTimedOut when there are none."""
-    end = math.inf if timeout_s is None else time.monotonic() + timeout_s
-
-    def left() -> float:
-        seconds = end - time.monotonic()
-        if seconds <= 0:
-            raise WaitTimedOut(f"job {job_id} did not end in time; it goes on at the server")
-        return seconds
-
-    return left
 
 
 def canonical(options: Mapping[str, Any]) -> str:
@@ -474,13 +387,6 @@ def share(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return 0.0
     return min(max(float(value), 0.0), 1.0)
-
-
-def _parsed(text: str) -> Mapping[str, Any]:
-    try:
-        return _object(json.loads(text))
-    except (ValueError, RecursionError):
-        return {}
 
 
 def _object(value: object) -> Mapping[str, Any]:

@@ -7,7 +7,7 @@ import json
 import logging
 import random
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
 from typing import Any, TypeVar
@@ -219,21 +219,12 @@ def read_picture(response: httpx.Response) -> bytes:
 
 
 def _content(response: httpx.Response, most: int) -> bytes:
-    return b"".join(bounded(response.iter_raw(), most))
-
-
-def bounded(chunks: Iterator[bytes], most: int) -> Iterator[bytes]:
-    """The chunks, as long as they have at most so many bytes together.
-
-    Raises:
-        UnexpectedAnswer: they have more.
-    """
-    size = 0
-    for chunk in chunks:
-        size += len(chunk)
-        if size > most:
+    data = bytearray()
+    for chunk in response.iter_raw():
+        data += chunk
+        if len(data) > most:
             raise UnexpectedAnswer(f"the server's answer is longer than {most} bytes")
-        yield chunk
+    return bytes(data)
 
 
 def _hopeless(error: httpx.TransportError) -> bool:

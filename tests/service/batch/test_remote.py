@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +13,8 @@ from service.batch.makers import Order, RemoteMaker, Stopped
 from service.client.errors import AccessDenied, ServerUnreachable
 from tests.service.batch.conftest import Folders
 from tests.service.client.fake import Fake, answer, hang_up, problem
+
+STATE = r"avatars/\w+$"
 
 
 @pytest.fixture(autouse=True)
@@ -72,15 +73,8 @@ def test_a_job_that_was_left_running_is_found_again(batch: Folders, fake: Fake) 
 
 def test_a_photo_whose_time_is_over_is_cancelled_at_the_server(batch: Folders, fake: Fake) -> None:
     photos(batch, 1)
-    released = threading.Event()
-
-    def silent(request: Any) -> None:
-        released.wait(5)
-        hang_up(request)
-
-    fake.fail("GET", "events", silent)
+    fake.stages *= 1000
     assert batch.run(timeout_s=0.5).failed == 1
-    released.set()
     assert batch.lines()["0.jpg"]["error"]["code"] == "wait-timed-out"
     assert len(fake.requests("DELETE")) == 1
 
@@ -115,7 +109,7 @@ def test_stopping_leaves_the_job_to_the_next_run(batch: Folders, fake: Fake, tmp
 
     with pytest.raises(Stopped):
         order = Order(photo, "a.jpg", "00" * 32, {}, 1, tmp_path / "a.zip")
-        maker.make(order, lambda: bool(fake.requests("GET", "events")))
+        maker.make(order, lambda: bool(fake.requests("GET", STATE)))
     maker.close()
     assert len(fake.jobs) == 1
     assert not fake.requests("DELETE")

@@ -28,6 +28,7 @@ def test_options_of_make_reach_the_server(
     capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("AVATARME_API_KEY", "secret")
+    fake.stages.clear()
     flags = ["--maps", "texture,confidence", "--size", "1152x768", "--face", "largest", "--seed", "5", "--keep"]
     status, out, err = run(capsys, folder, tmp_path / "out", "--server", fake.url, *flags)
     assert (status, out) == (0, f"{tmp_path / 'out' / 'report.jsonl'}\n")
@@ -42,6 +43,7 @@ def test_the_address_may_come_from_the_environment(
     capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("AVATARME_SERVER", fake.url)
+    fake.stages.clear()
     status, _, err = run(capsys, folder, tmp_path / "out")
     assert status == 0, err
     assert len(fake.requests("POST")) == 1

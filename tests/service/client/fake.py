@@ -37,10 +37,8 @@ class Fake:
     Attributes:
         faults: (method, pattern of the path) -> handlers, each of which answers one request instead of the server.
         cut_archive: byte counts after which the next downloads break.
-        cut_events: counts of events after which the next streams break.
-        stages: events of a job before its end; a job ends when they have been sent, or been asked for one by one.
+        stages: of a job, which is one further with every question, and then ends.
         error: problem object with which jobs end, None for success.
-        heartbeats: comments before each event.
     """
 
     archive: bytes = b""
@@ -50,7 +48,6 @@ class Fake:
     end: str = ""
     faults: dict[tuple[str, str], deque[Handler]] = field(default_factory=dict)
     cut_archive: deque[int] = field(default_factory=deque)
-    cut_events: deque[int] = field(default_factory=deque)
     seen: list[Seen] = field(default_factory=list)
     jobs: dict[str, dict[str, Any]] = field(default_factory=dict)
     keys: dict[str, str] = field(default_factory=dict)
@@ -121,7 +118,7 @@ class _Handler(BaseHTTPRequestHandler):
             fault(self)
         elif self.command == "POST" and self.path == "/v1/avatars":
             self._submit()
-        elif found := re.fullmatch(r"/v1/avatars/(\w+)(/events|/archive\.zip)?", self.path):
+        elif found := re.fullmatch(r"/v1/avatars/(\w+)(/archive\.zip)?", self.path):
             self._job(found[1], found[2])
         elif self.path in ("/readyz", "/v1/models", "/v1/quality"):
             answer(200, {"path": self.path})(self)
@@ -162,8 +159,6 @@ class _Handler(BaseHTTPRequestHandler):
         elif self.command == "DELETE":
             del fake.jobs[job]
             self.reply(204, b"", {})
-        elif part == "/events":
-            self._events(job)
         elif part == "/archive.zip":
             self._archive()
         else:
@@ -184,28 +179,6 @@ class _Handler(BaseHTTPRequestHandler):
     def _finish(self, job: str) -> None:
         end = self.fake.end or ("failed" if self.fake.error else "succeeded")
         self.fake.jobs[job].update(state=end, stage="", progress=1.0, error=self.fake.error, done=len(self.fake.stages))
-
-    def _events(self, job: str) -> None:
-        fake = self.fake
-        last = int(self.headers.get("Last-Event-ID", "0"))
-        cut = fake.cut_events.popleft() if fake.cut_events else None
-        self.send_response(200)
-        self.send_header("Content-Type", "text/event-stream; charset=utf-8")
-        self.send_header("Connection", "close")
-        self.end_headers()
-        self.close_connection = True
-        names = [*fake.stages, ""]
-        for number in range(last + 1, len(names) + 1):
-            if cut is not None and number - last > cut:
-                return
-            if number == len(names):
-                self._finish(job)
-                name, data = "state", fake.jobs[job]
-            else:
-                share = (number - 1) / len(fake.stages)
-                fake.jobs[job].update(state="running", stage=names[number - 1], progress=share)
-                name, data = "progress", {"stage": names[number - 1], "progress": share}
-            self.wfile.write(f": heartbeat\n\nid: {number}\nevent: {name}\ndata: {json.dumps(data)}\n\n".encode())
 
     def _archive(self) -> None:
         fake, data, start = self.fake, self.fake.archive, 0

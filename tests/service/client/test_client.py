@@ -144,31 +144,11 @@ def test_keys_that_no_header_carries(key: str) -> None:
     assert not key or key not in caught.value.message
 
 
-def test_events_go_on_where_they_were_cut(client: Client, fake: Fake) -> None:
-    fake.cut_events.extend([1, 2])
-    job = client.submit(PHOTO)
-    events = list(client.events(job.id))
-    assert [event.id for event in events] == ["1", "2", "3", "4"], "each once, none lost"
-    assert [seen.headers.get("Last-Event-ID") for seen in fake.requests("GET", "events$")] == [None, "1", "3"]
-    assert events[-1].data["state"] == "succeeded"
-
-
-@pytest.mark.parametrize(
-    "handler",
-    [
-        answer(404),
-        answer(406),
-        answer(200, {}),
-        lambda request: request.reply(200, b"x", {"Content-Type": "text/html"}),
-    ],
-)
-def test_where_no_stream_comes_through_the_client_asks(client: Client, fake: Fake, handler: Any) -> None:
-    fake.fail("GET", "events", handler)
+def test_a_job_is_followed_to_its_end(client: Client, fake: Fake) -> None:
     told: list[str] = []
     done = client.wait(client.submit(PHOTO).id, progress=lambda stage, share: told.append(stage))
     assert done.state == "succeeded"
     assert told == [*fake.stages, ""]
-    assert len(fake.requests("GET", "events")) == 1
 
 
 @pytest.mark.parametrize(
@@ -180,18 +160,17 @@ def test_a_job_that_fails_says_why(client: Client, fake: Fake, code: str, kind: 
         client.wait(client.submit(PHOTO).id)
 
 
-def test_a_stream_without_end_does_not_fill_the_memory(client: Client, fake: Fake) -> None:
+def test_an_answer_without_end_does_not_fill_the_memory(client: Client, fake: Fake) -> None:
     def endless(request: Any) -> None:
         request.send_response(200)
-        request.send_header("Content-Type", "text/event-stream")
         request.end_headers()
         request.close_connection = True
         for _ in range(400):
-            request.wfile.write(b"data: " + b"x" * (1 << 16))
+            request.wfile.write(bytes(1 << 16))
 
-    fake.fail("GET", "events", endless)
+    fake.fail("GET", "models", endless)
     with pytest.raises(UnexpectedAnswer, match="longer"):
-        list(client.events(client.submit(PHOTO).id))
+        client.models()
 
 
 @pytest.mark.parametrize(
