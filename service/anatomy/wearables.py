@@ -19,6 +19,7 @@ from service.colour import bytes_to_linear, linear_to_srgb
 from service.face.fit.fit import Fit
 from service.face.reading.part_labels import BROW
 from service.face.reading.reader import PART_CELLS, Reading
+from service.geometry.chart import nearest_inside
 from service.geometry.mesh import area_normals, laplacian, smooth_fit
 from service.geometry.raster import fragments, interpolate, rasterise
 from service.geometry.remesh import split_in_four
@@ -181,6 +182,12 @@ def brow_picture(item: Item, colour: Float32) -> UInt8:
     return _in_colour(item.picture[..., 0], np.rint(255 * coded).astype(np.uint8))
 
 
+def bust_colours(head: HeadModel, chart_colours: UInt8) -> UInt8 | None:
+    """:func:`bust_picture` of a head; None for one that the bust was not made for."""
+    items = read_items()
+    return bust_picture(items.items[BUST], head, chart_colours) if fits(items, head) else None
+
+
 def bust_part(head: HeadModel, fit: Fit, chart_colours: UInt8) -> MeshPart | None:
     """Neck and shoulders below the head; None for a head that they were not made for.
 
@@ -189,13 +196,12 @@ def bust_part(head: HeadModel, fit: Fit, chart_colours: UInt8) -> MeshPart | Non
         fit: vertices of the head.
         chart_colours: (h, w, 3) uint8 sRGB on the chart, albedo or texture.
     """
-    items = read_items()
-    if not fits(items, head):
+    items, picture = read_items(), bust_colours(head, chart_colours)
+    if picture is None:
         return None
-    item = items.items[BUST]
-    picture = OwnMap("bust", bust_picture(item, head, chart_colours))
+    item, drawn = items.items[BUST], OwnMap("bust", picture)
     material = Material(
-        "bust", colour_map=picture, roughness=BUST_ROUGHNESS, specular=SKIN.specular, subsurface_mm=SKIN.subsurface_mm
+        "bust", colour_map=drawn, roughness=BUST_ROUGHNESS, specular=SKIN.specular, subsurface_mm=SKIN.subsurface_mm
     )
     return _tangent(_following("bust", item, items, head, fit, material), item, head, fit)
 
@@ -283,13 +289,7 @@ def bust_picture(item: Item, head: HeadModel, chart_colours: UInt8) -> UInt8:
     out = np.zeros((SIDE * SIDE, 3), np.float32)
     corners = item.triangles[drawn.triangle.ravel()[shown]]
     out[shown] = interpolate(colours, corners, drawn.barycentric.reshape(-1, 3)[shown])
-    beside = (~drawn.mask).astype(np.uint8)
-    _, label = cv2.distanceTransformWithLabels(beside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    source = np.zeros(int(label.max()) + 1, np.int64)
-    source[label.ravel()[shown]] = shown
-    return (
-        np.rint(255 * np.clip(linear_to_srgb(out[source[label.ravel()]]), 0, 1)).astype(np.uint8).reshape(SIDE, SIDE, 3)
-    )
+    return np.rint(255 * np.clip(linear_to_srgb(out[nearest_inside(drawn.mask)]), 0, 1)).astype(np.uint8)
 
 
 def to_albedo(texture: UInt8, albedo: UInt8, lit_skin: UInt8) -> Float32:

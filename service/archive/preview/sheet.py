@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.wearables import bust_part, small_albedo, to_albedo
+from service.anatomy.wearables import bust_colours, small_albedo, to_albedo
 from service.archive.avatar import Avatar, Drawn, View
 from service.archive.images import encode_normals8
 from service.arrays import AnyFloat, Float32, UInt8, UInt16
@@ -19,7 +19,6 @@ from service.geometry.mesh import normalise
 from service.geometry.sampling import sample_chart
 from service.light.environment import Illumination
 from service.light.scene import WHITE, PointLight, Triple
-from service.materials.material import OwnMap
 from service.materials.part import framed
 from service.render.draw import DrawnHead, over, see, sketch
 from service.render.view import turned_camera
@@ -75,8 +74,7 @@ def coloured(avatar: Avatar) -> tuple[tuple[View, ...], tuple[View, ...]]:
     albedo = None if made is None or made.diffuse_albedo is None else small_albedo(made.diffuse_albedo, SEEN_SIZE)
     model, tint = DrawnHead.of(avatar.head, avatar.fit.vertices, avatar.parts), photo_light(avatar)
     behind = backdrop(*TILE)
-    bust = bust_part(avatar.head, avatar.fit, avatar.texture.texture)
-    neck = None if bust is None else bust.material.colour_map
+    neck = bust_colours(avatar.head, avatar.texture.texture)
 
     def views(yaw: int) -> tuple[View, list[View]]:
         camera = turned_camera(framed(model.vertices, [one.part for one in model.parts]), yaw, *TILE)
@@ -84,9 +82,9 @@ def coloured(avatar: Avatar) -> tuple[tuple[View, ...], tuple[View, ...]]:
         side = "Front" if yaw == 0 else f"{'Right' if yaw > 0 else 'Left'} side, {abs(yaw)}°"
         busts = [(one, one.colour.copy()) for one in seen.parts if one.part.name == "bust"]
         for one, _ in busts:
-            if isinstance(neck, OwnMap):
+            if neck is not None:
                 # It goes on from the neck, whose shadows the light of the whole photo does not tell.
-                shown = np.rint(sample_chart(neck.pixels, one.uv)).astype(np.uint8)
+                shown = np.rint(sample_chart(neck, one.uv)).astype(np.uint8)
                 one.colour[:] = bytes_to_linear(shown) / np.array(tint, np.float32)
         first = side, to_pixels(over(*sketch(seen, seen.read(colours), None, tint), behind))
         for one, colour in busts:
