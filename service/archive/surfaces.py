@@ -150,12 +150,15 @@ def displaced(head: HeadModel, vertices: Float64, displacement: UInt16) -> Float
 def heights_at(head: HeadModel, displacement: UInt16) -> Float64:
     """(V,) height in mm of each vertex of a head of quads: mean over its chart vertices."""
     import cv2
+    from scipy.ndimage import map_coordinates
 
     relief = displacement.astype(np.float32)
     if relief.shape[1] > RELIEF_WIDTH:
         size = (RELIEF_WIDTH, RELIEF_WIDTH * relief.shape[0] // relief.shape[1])
         relief = np.asarray(cv2.resize(relief, size, interpolation=cv2.INTER_AREA))
-    sampled = _bilinear(relief, head.uv.astype(np.float64))
+    u, v = head.uv.astype(np.float64).T
+    at = np.stack([(1 - v) * relief.shape[0], u * relief.shape[1]]) - 0.5
+    sampled = map_coordinates(relief, at, np.float64, order=1, mode="nearest")
     corner, corner_uv = head.polygons.ravel(), head.polygon_uv.ravel()
     pairs = np.unique(corner.astype(np.int64) * len(head.uv) + corner_uv)
     vertex, place = pairs // len(head.uv), pairs % len(head.uv)
@@ -163,19 +166,6 @@ def heights_at(head: HeadModel, displacement: UInt16) -> Float64:
     total = np.bincount(vertex, sampled[place], len(head.mean))
     mean = np.where(count > 0, total / np.maximum(count, 1), MID)
     return np.asarray((mean - MID) * SCALE_MM)
-
-
-def _bilinear(image: Float32, uv: Float64) -> Float64:
-    """(N,) values of an (H, W) map at chart coordinates (N, 2), origin bottom left."""
-    height, width = image.shape
-    x = np.clip(uv[:, 0] * width - 0.5, 0, width - 1)
-    y = np.clip((1 - uv[:, 1]) * height - 0.5, 0, height - 1)
-    left, top = np.minimum(x.astype(int), max(width - 2, 0)), np.minimum(y.astype(int), max(height - 2, 0))
-    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    across, down = x - left, y - top
-    upper = image[top, left] * (1 - across) + image[top, right] * across
-    lower = image[bottom, left] * (1 - across) + image[bottom, right] * across
-    return np.asarray(upper * (1 - down) + lower * down)
 
 
 JOINTS = ("neck", "head", "jaw", "eye_left", "eye_right")

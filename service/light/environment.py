@@ -218,16 +218,13 @@ def _sun(flux: Float64, directions: Float64, smallest: float) -> PointLight:
 
 def lookup(image: Float64, directions: Float64) -> Float64:
     """(..., 3) radiance of a latitude-longitude image at unit directions, bilinear."""
-    height, width = image.shape[:2]
-    at = pixel_of(directions, height, width)
-    row, column = np.clip(at[..., 0], 0.0, height - 1.0), at[..., 1]
-    r0, c0 = np.floor(row).astype(int), np.floor(column).astype(int)
-    fr, fc = (row - r0)[..., None], (column - c0)[..., None]
-    r1, c1 = np.minimum(r0 + 1, height - 1), (c0 + 1) % width
-    c0 = c0 % width
-    top = image[r0, c0] * (1 - fc) + image[r0, c1] * fc
-    low = image[r1, c0] * (1 - fc) + image[r1, c1] * fc
-    return np.asarray(top * (1 - fr) + low * fr)
+    from scipy.ndimage import map_coordinates
+
+    at = pixel_of(directions, *image.shape[:2])
+    whole = np.pad(image, ((0, 0), (1, 1), (0, 0)), "wrap")  # the first column follows the last
+    place = [at[..., 0], at[..., 1] + 1]
+    colours = [map_coordinates(whole[..., channel], place, order=1, mode="nearest") for channel in range(3)]
+    return np.stack(colours, -1)
 
 
 LEVEL_ALPHAS = (0.08, 0.16, 0.27, 0.42, 0.64, 1.0)

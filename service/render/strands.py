@@ -100,6 +100,8 @@ class HairVolume:
             bias: cells by which points are moved towards it.
             place: whether it is a position.
         """
+        from scipy.ndimage import map_coordinates
+
         middle = self.points.mean(0)
         axis = normalise(np.asarray(towards, np.float64) - middle if place else towards, (0.0, 1.0, 0.0))
         side = normalise(np.cross(axis, [0.31, 0.12, 0.94]), (1.0, 0.0, 0.0))
@@ -118,18 +120,7 @@ class HairVolume:
         cell = np.ravel_multi_index(tuple((own - low).astype(int).T), shape)
         filled = np.bincount(cell, self.amount, int(np.prod(shape))).reshape(shape) / CELL_MM**2
         before = np.concatenate([np.zeros((*shape[:2], 1)), np.cumsum(filled, 2)], 2)
-        asked = asked - low - [0.5, 0.5, bias]
-        top = np.array(shape[:2]) - 1.001
-        corner = np.clip(asked[:, :2], 0, top)
-        x, y = corner.astype(int).T
-        z = np.clip(asked[:, 2], 0, shape[2] - 0.001)
-        k = z.astype(int)
-        a, b, c = corner[:, 0] - x, corner[:, 1] - y, z - k
-        depth = np.zeros(len(at))
-        for i, wx in ((0, 1 - a), (1, a)):
-            for j, wy in ((0, 1 - b), (1, b)):
-                column = before[x + i, y + j, k] * (1 - c) + before[x + i, y + j, k + 1] * c
-                depth += wx * wy * column
+        depth = map_coordinates(before, (asked - low - [0.5, 0.5, bias]).T, order=1, mode="nearest")
         return np.asarray(np.exp(-depth), np.float32)
 
     def from_sky(self, at: Float32, count: int, bias: float) -> Float32:
