@@ -5,7 +5,7 @@ of log luminance that two texels in three stay within. Printed is the share of t
 texels of skin that the photo does not show, whose error is smaller, photo by photo; beside it the median of what is
 stated and of what it is, and their rank correlation: a constant would have none.
 
-``--fit FILE`` first finds the weights (``service.reflectance.albedo.albedo_error``) that do best on ``FITTED``, by
+``--fit FILE`` first finds the weights (``service.reflectance.albedo.albedo_prior``) that do best on ``FITTED``, by
 quantile regression, and writes them; the others are not used for it.
 """
 
@@ -35,12 +35,12 @@ from service.archive.avatar import Avatar
 from service.arrays import Float32
 from service.colour import LUMA, srgb_to_linear
 from service.options import Options
-from service.reflectance.albedo.albedo_error import CLUES as WEIGHED
-from service.reflectance.albedo.albedo_error import LEAST, MOST, ErrorModel
+from service.reflectance.albedo.albedo_prior import CLUES as WEIGHED
+from service.reflectance.albedo.albedo_prior import LEAST, MOST, ErrorModel
 from service.reflectance.albedo.diffuse_albedo import LIGHT_NETWORK, found_by
 from service.reflectance.planes import Planes
 from service.reflectance.subject import Subject
-from service.reflectance.super_resolution import resample
+from service.reflectance.translate import resample
 from service.runtime.network_registry import CLUES, GEOMETRY
 from service.runtime.networks import choose_engine, open_network
 from service.runtime.sessions import MODELS

@@ -21,10 +21,9 @@ from service.face.finder import FaceFinder
 from service.face.fit.fit import Fit
 from service.face.fit.fit_face import fit_face
 from service.face.reading.reader import Readers, read_face
-from service.head.eyeball import inter_ocular_m
 from service.head.files import load_head
 from service.head.model import HeadModel
-from service.head.regions import lid_edges, lip_edges
+from service.head.regions import inter_ocular_m, lid_edges, lip_edges
 from service.photo.gate import read_photo
 
 SIZE, MOST_YAW, HELD_OUT = 640, 35.0, 2048

@@ -56,8 +56,7 @@ from service.manifest import IdentitySimilarity
 from service.materials.part import coarser
 from service.options import Options, installed
 from service.photo.photo import Photo
-from service.reflectance.albedo.albedo_error import error_model
-from service.reflectance.albedo.albedo_prior import albedo_prior
+from service.reflectance.albedo.albedo_prior import albedo_prior, error_model
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.relief.folds import AGES

@@ -1,6 +1,6 @@
 """Strength of colour and of relief by octave on synthetic skin: ``python -m models.lightstage.octaves``.
 
-``service.reflectance.relief.shade_update`` weighs what a photo's shade tells of the normals by these.
+``service.reflectance.relief.normal_inputs`` weighs what a photo's shade tells of the normals by these.
 """
 
 from __future__ import annotations

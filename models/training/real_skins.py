@@ -7,7 +7,7 @@ it: a flat map, and "dark is deep", the albedo itself taken for a height.
 
 Correlations are given of slopes along x and along y apart, which agree where relief is read that the scan has.
 A second table has the mean angle as the service uses rho: on skin that a light from the side or from above shades, with
-what that shade corrects (``service.reflectance.relief.shade_update``).
+what that shade corrects (``service.reflectance.relief.normal_inputs``).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from models.tables import tell
 from service.arrays import Float32
 from service.colour import LUMA, linear_to_srgb
 from service.head.files import load_head
-from service.reflectance.relief.shade_update import GAMMA, LEAST, PIGMENT, RELIEF, UNTOLD, updated
+from service.reflectance.relief.normal_inputs import GAMMA, LEAST, PIGMENT, RELIEF, UNTOLD, updated
 from service.reflectance.translate import STEEPEST_Z
 from service.runtime.network_registry import DRAWN_DETAIL, SHADED_GREY
 from service.runtime.networks import Engine, open_network

@@ -28,9 +28,8 @@ from service.face.features.eye_colours import IRIS, SCLERA
 from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
 from service.geometry.mesh import area_normals, normalise
-from service.head.eyeball import SIDES, Eyeball
 from service.head.model import HeadModel
-from service.head.regions import lid_edges, part_vertices
+from service.head.regions import SIDES, Eyeball, lid_edges, part_vertices
 from service.materials.material import Material, OwnMap
 from service.materials.part import Bone, MeshPart, part_triangles
 from service.robust import smoothstep

@@ -28,7 +28,7 @@ from service.arrays import UInt8
 from service.colour import Codes
 from service.geometry.chart import NO_PART
 from service.levels import TEXTURE_SIZE
-from service.reflectance.albedo.albedo_error import error_map
+from service.reflectance.albedo.albedo_prior import error_map
 from service.reflectance.albedo.beside_skin import close_seam, darkened, pad_parts, pad_skin
 from service.reflectance.albedo.corrections import Ledger
 from service.reflectance.albedo.diffuse_albedo import diffuse_albedo
@@ -46,11 +46,16 @@ from service.reflectance.relief.displacement import (
     pad_heights,
 )
 from service.reflectance.relief.folds import aged, folds_in, unfolded, unfolded_albedo, wrinkles_of
-from service.reflectance.relief.normal_inputs import READERS, drawn_detail, shaded_grey, without_border
-from service.reflectance.relief.shade_update import bare, with_shade
+from service.reflectance.relief.normal_inputs import (
+    READERS,
+    bare,
+    drawn_detail,
+    shaded_grey,
+    with_shade,
+    without_border,
+)
 from service.reflectance.subject import Subject
-from service.reflectance.super_resolution import Grain, enlarge, resample
-from service.reflectance.translate import MapInputs, specular_albedo, tangent_normals
+from service.reflectance.translate import Grain, MapInputs, enlarge, resample, specular_albedo, tangent_normals
 from service.runtime.network_registry import CLUES, DRAWN_DETAIL, GEOMETRY, PARTS, SHADED_GREY
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.sessions import release

@@ -18,9 +18,8 @@ import numpy.typing as npt
 from service.face.features.eye_colours import BEYOND, LIT
 from service.geometry.mesh import normalise, vertex_normals
 from service.geometry.sampling import surface_points
-from service.head.eyeball import IRIS_RADIUS_M, SIDES, eyeball
 from service.head.model import HeadModel
-from service.head.regions import vertex_mask
+from service.head.regions import IRIS_RADIUS_M, SIDES, eyeball, vertex_mask
 from service.light.environment import Illumination, flux_by_direction, spread_directions
 from service.light.formulas import disc_of
 from service.light.scene import PointLight

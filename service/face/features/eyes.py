@@ -24,9 +24,8 @@ from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.face.features.iris import Iris, Search, search
 from service.face.features.rims import RIMS, Followed, Rim, fit_to_rim
 from service.geometry.camera import Camera
-from service.head.eyeball import IRIS_RADIUS_M, SIDES, Eyeball, eyeball, pole
 from service.head.model import HeadModel
-from service.head.regions import lid_edges, part_vertices
+from service.head.regions import IRIS_RADIUS_M, SIDES, Eyeball, eyeball, lid_edges, part_vertices, pole
 from service.robust import smoothstep
 
 LID_UNITS = ("eyeBlink", "eyeSquint", "eyeWide")

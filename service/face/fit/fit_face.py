@@ -40,8 +40,8 @@ from service.face.fit.stereo import Picture, stereo_terms
 from service.face.reading.openings import Scores, with_openings
 from service.face.reading.reader import Reading, View
 from service.geometry.camera import Camera
-from service.head.eyeball import inter_ocular_m
 from service.head.model import HeadModel
+from service.head.regions import inter_ocular_m
 from service.photo.photo import Photo
 from service.robust import smoothstep
 

@@ -19,17 +19,18 @@ from service.anatomy.eyes import BRIGHTEST
 from service.arrays import Float32
 from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
 from service.face.features.eye_colours import BETWEEN_LIDS
-from service.reflectance.albedo.albedo_error import clues, error_model
-from service.reflectance.albedo.corrections import Correction, Ledger
-from service.reflectance.albedo.highlights import HIGHLIGHTS
-from service.reflectance.albedo.light_corrections import (
+from service.reflectance.albedo.albedo_prior import clues, error_model
+from service.reflectance.albedo.corrections import (
     LIGHT_CONTRAST,
     SKIN_HUE,
     UNSEEN_SKIN,
     ChartLight,
+    Correction,
+    Ledger,
     LightCorrection,
     corrected,
 )
+from service.reflectance.albedo.highlights import HIGHLIGHTS
 from service.reflectance.albedo.several_lights import agreed_light, photo_planes
 from service.reflectance.albedo.unlike_skin import UNLIKE_SKIN
 from service.reflectance.planes import Planes
@@ -53,7 +54,7 @@ class Found:
     Attributes:
         light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
         between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
-        clues: (K, h, w) to how sure the albedo is, ``service.reflectance.albedo.albedo_error``.
+        clues: (K, h, w) to how sure the albedo is, ``service.reflectance.albedo.albedo_prior``.
     """
 
     light: Float32
@@ -130,7 +131,7 @@ class Delit:
 
     Attributes:
         albedo: (H, W, 3) sRGB codes.
-        error: (h, w) float32 of ``service.reflectance.albedo.albedo_error``; None: the network reads no context.
+        error: (h, w) float32 of ``service.reflectance.albedo.albedo_prior``; None: the network reads no context.
     """
 
     albedo: Codes

@@ -16,7 +16,7 @@ import numpy as np
 from service.arrays import Float32
 from service.colour import LUMA
 from service.image_filters import blurred, shrunk
-from service.reflectance.albedo.light_corrections import ChartLight
+from service.reflectance.albedo.corrections import ChartLight
 from service.reflectance.planes import Planes
 from service.robust import agreement, smoothstep
 from service.runtime.network_registry import EYES, LIT, TEXTURE

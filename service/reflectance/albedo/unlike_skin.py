@@ -19,7 +19,7 @@ from service.arrays import Float32
 from service.colour import LUMA
 from service.image_filters import blurred
 from service.reflectance.albedo.albedo_prior import AlbedoPrior
-from service.reflectance.albedo.light_corrections import ChartLight, LightCorrection
+from service.reflectance.albedo.corrections import ChartLight, LightCorrection
 from service.robust import smoothstep
 
 BOUNDS = ((-0.35, 0.30), (-0.2, 0.2), (-0.2, 0.2))

@@ -15,10 +15,9 @@ from service.anatomy.mouth import mouth_parts
 from service.errors import ModelFault
 from service.face.features.eyes import Gaze
 from service.geometry.mesh import area_normals
-from service.head.eyeball import Eyeball
 from service.head.files import load_head
 from service.head.model import HeadModel
-from service.head.regions import part_vertices
+from service.head.regions import Eyeball, part_vertices
 from service.materials.part import MeshPart, head_parts
 
 

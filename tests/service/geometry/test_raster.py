@@ -1,4 +1,7 @@
-"""The z-buffer against closed forms and an independent point-in-triangle test."""
+"""The z-buffer against closed forms and an independent point-in-triangle test.
+
+Sampling against closed forms: what a pixel is, what an area is, what happens at the border.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import numpy as np
 import pytest
 
 from service.geometry.raster import composite, fragments, rasterise
+from service.geometry.sampling import Pyramid
 
 
 def _square(x0: float, y0: float, x1: float, y1: float) -> tuple[np.ndarray, np.ndarray]:
@@ -145,3 +149,24 @@ def test_nan_depth_and_points_behind_the_camera_are_left_out() -> None:
     assert not rasterise(points, np.full(4, np.nan), quad, 8, 8).mask.any()
     assert not rasterise(points, np.array([-1.0, 1.0, 1.0, -1.0]), quad, 8, 8, perspective=True).mask.any()
     assert not rasterise(points, np.zeros(4), quad, 8, 8, perspective=True).mask.any()
+
+
+def _ramp(width: int, height: int) -> np.ndarray:
+    y, x = np.mgrid[:height, :width] + 0.5
+    return np.stack([x, y], -1)
+
+
+def test_a_linear_image_is_read_exactly_between_pixels() -> None:
+    points = np.random.default_rng(0).uniform(1, 30, (200, 2))
+    assert np.allclose(Pyramid.build(_ramp(40, 33)).sample(points), points, atol=0.04)
+
+
+def test_border_repeats_and_wild_points_are_safe() -> None:
+    pyramid = Pyramid.build(np.full((8, 8, 3), 0.25))
+    points = np.array([[-1e9, 4], [1e9, 1e9], [np.nan, 2], [np.inf, -np.inf]])
+    assert np.allclose(pyramid.sample(points, np.array([1, 1e9, np.nan, 2])), 0.25)
+
+
+def test_more_points_than_the_library_takes_in_one_row() -> None:
+    points = np.tile([[3.5, 2.5]], (70_000, 1))
+    assert np.allclose(Pyramid.build(_ramp(8, 8)).sample(points), [3.5, 2.5])

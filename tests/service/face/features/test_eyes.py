@@ -10,9 +10,8 @@ import pytest
 from service.face.features.eyes import LASH_ROOTS, SeenRims, eyes_on_rims, lids_on_rims
 from service.face.features.rims import RIMS
 from service.geometry.camera import Camera, exp_rotation
-from service.head.eyeball import SIDES
 from service.head.model import HeadModel
-from service.head.regions import lid_edges
+from service.head.regions import SIDES, lid_edges
 from tests.service.face.geometry import FOCAL, units
 from tests.toyhead import sphere_head
 

@@ -1,11 +1,23 @@
-"""The list of corrections: each has a switch that works and a count that is true."""
+"""The list of corrections: each has a switch that works and a count that is true.
+
+Corrections of the light on the chart: hue, contrast, and light where no skin is seen.
+"""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from service.errors import UsageError
 from service.options import Options
+from service.reflectance.albedo.corrections import (
+    FEW,
+    as_seen_skin,
+    continued,
+    less_contrast,
+    with_shade_floor,
+    within_skin,
+)
 from service.reflectance.albedo.diffuse_albedo import NAMES
 
 
@@ -15,3 +27,101 @@ def test_unknown_and_doubled_names_are_refused_with_those_that_there_are() -> No
     with pytest.raises(UsageError, match="twice"):
         Options(without=(NAMES[0], NAMES[0]))
     assert Options(without=NAMES).to_json()["without"] == list(NAMES)
+
+
+SHAPE = (192, 288)
+Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)
+EVERYWHERE = np.ones(SHAPE, np.float32)
+
+
+def test_no_lit_skin_leaves_the_light_as_it_is_and_all_is_finite() -> None:
+    light = np.random.default_rng(1).normal(size=(3, *SHAPE)).astype(np.float32)
+    assert np.array_equal(less_contrast(light, np.zeros(SHAPE, np.float32)), light)
+    assert np.isfinite(less_contrast(light, 1e-6 * EVERYWHERE)).all()
+    assert np.allclose(less_contrast(light, EVERYWHERE, kept=1.0), light, atol=1e-5)
+
+
+LIT = np.ones((12, 16), np.float32)
+DARK_LIGHT = np.full((3, 12, 16), -1.0, np.float32)
+
+
+def seen(albedo: tuple[float, float, float]) -> np.ndarray:
+    """Texture of one albedo in ``DARK_LIGHT``."""
+    return np.full((3, 12, 16), np.array(albedo)[:, None, None] * np.exp(-1.0), np.float32)
+
+
+def test_skin_of_every_usual_tone_stays_bit_for_bit() -> None:
+    """CIELAB of fair, tan, brown and dark skin as spectrophotometers find it, and a grey photo."""
+    for albedo in ((0.53, 0.30, 0.22), (0.41, 0.23, 0.15), (0.32, 0.15, 0.09), (0.15, 0.07, 0.045), (0.3, 0.3, 0.3)):
+        assert (within_skin(DARK_LIGHT, seen(albedo), LIT) == DARK_LIGHT).all(), albedo
+
+
+def test_black_or_hardly_any_skin_gives_no_logarithm_of_zero() -> None:
+    assert np.isfinite(within_skin(DARK_LIGHT, np.zeros((3, 12, 16), np.float32), LIT)).all()
+    few = np.zeros_like(LIT)
+    few.ravel()[: FEW - 1] = 1
+    assert within_skin(DARK_LIGHT, seen((0.9, 0.1, 0.1)), few) is DARK_LIGHT
+
+
+CONTEXT_SHAPE = (96, 144)
+ALBEDO = np.array([0.5, 0.3, 0.2], np.float32)[:, None, None]
+
+
+def test_even_light_stays_even_whatever_was_found_in_made_up_parts() -> None:
+    """Colour that was continued carries its source's light; the network's guess there would print a halo."""
+    light = np.full((3, 48, 72), 0.4, np.float32)
+    seen = np.zeros((48, 72), np.float32)
+    seen[10:30, 20:50] = 1
+    light[:, seen == 0] = -2.0
+    assert np.abs(continued(light, seen) - 0.4).max() < 1e-4
+
+
+def test_nothing_seen_and_all_seen_change_nothing() -> None:
+    """A weight of zero would be divided by."""
+    light = np.random.default_rng(1).normal(size=(3, 20, 30)).astype(np.float32)
+    assert np.array_equal(continued(light, np.zeros((20, 30), np.float32)), light)
+    assert np.allclose(continued(light, np.ones((20, 30), np.float32)), light, atol=1e-5)
+
+
+def _half_seen(shade: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Texture, light as a network may find it, and lit skin: the left half of a face, made up on in shade."""
+    lit = np.zeros(CONTEXT_SHAPE, np.float32)
+    lit[:, :72] = 1
+    light = np.where(lit > 0, np.float32(-0.3), np.float32(1.5)) * np.ones((3, 1, 1), np.float32)
+    texture = ALBEDO * np.exp(np.where(lit > 0, np.float32(-0.3), np.float32(shade)))
+    return np.asarray(texture, np.float32), light, lit
+
+
+def test_made_up_skin_is_as_fair_as_the_seen_whatever_shade_was_continued() -> None:
+    """Else necks come out paler than faces, or with the shadow of the jaw, by as much as the fill is off."""
+    for shade in (-1.5, 0.4):
+        texture, light, lit = _half_seen(shade)
+        goes_on = continued(light, lit)
+        made = as_seen_skin(goes_on, texture, light, lit, 1 - lit, lit)
+        away = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - made[:, :, 84:])
+        unmended = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - goes_on[:, :, 84:])
+        assert away.max() < 0.02 < 0.5 < unmended.min()
+        assert np.array_equal(made[:, :, :60], goes_on[:, :, :60]), "seen skin keeps its light"
+
+
+def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:
+    """The mean of no skin would be 0 / 0, and black texels have no logarithm."""
+    texture, light, lit = _half_seen(-1.5)
+    assert as_seen_skin(light, texture, light, 0 * lit, 1 - lit, 0 * lit) is light
+    assert as_seen_skin(light, texture, light, lit, 0 * lit, lit) is light
+    assert np.isfinite(as_seen_skin(light, 0 * texture, light, lit, 1 - lit, lit)).all()
+
+
+def test_the_shade_under_a_brim_ends_where_the_skin_does() -> None:
+    """Carried on, it would make a cap glow; a quarter of the face lies in shade of one seventh."""
+    lit = np.zeros(CONTEXT_SHAPE, np.float32)
+    lit[40:] = 1
+    light = np.zeros((3, *CONTEXT_SHAPE), np.float32)
+    light[:, 40:54] = -2
+    light[:, 54:] = np.array([0.1, 0.0, -0.1], np.float32)[:, None, None]
+    on = continued(light, lit)
+    result = with_shade_floor(on, light, lit)
+    assert on[:, 10].mean() < -0.8 and abs(float(result[:, 10].mean())) < 1e-5
+    assert np.array_equal(result[:, 40:], on[:, 40:])
+    assert np.allclose(result - on, (result - on)[:1], atol=1e-6)  # the tint stays
+    assert np.array_equal(with_shade_floor(on, light, np.zeros_like(lit)), on)

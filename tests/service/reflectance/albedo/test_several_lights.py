@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.reflectance.albedo.light_corrections import ChartLight
+from service.reflectance.albedo.corrections import ChartLight
 from service.reflectance.albedo.several_lights import agreed_light
 from service.texture.texture import PhotoTexture
 

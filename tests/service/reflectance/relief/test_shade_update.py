@@ -8,7 +8,7 @@ import pytest
 from service.geometry.chart import Chart
 from service.light.formulas import LUMINANCE, sh_basis
 from service.reflectance.reflectance_maps import NORMAL_ONE
-from service.reflectance.relief.shade_update import GAMMA, PIGMENT, RELIEF, UNTOLD, updated, with_shade
+from service.reflectance.relief.normal_inputs import GAMMA, PIGMENT, RELIEF, UNTOLD, updated, with_shade
 from service.reflectance.subject import sensitivity
 from tests.toyhead import sphere_head
 
