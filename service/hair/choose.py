@@ -130,10 +130,8 @@ def _changes() -> Iterator[Change]:
     """Steps that are tried, first one by one."""
     for sign in (1, -1):
         factor = float(np.exp(sign * 0.45))
-        yield lambda s, f=factor: s.scaled(f, *LENGTHS)  # type: ignore[misc]
-        yield lambda s, f=factor: s.scaled(f, "volume_mm")  # type: ignore[misc]
-        yield lambda s, f=factor: s.scaled(f, "sides_mm", "back_mm")  # type: ignore[misc]
-        yield lambda s, f=factor: s.scaled(f, "fringe_mm")  # type: ignore[misc]
+        for names in (LENGTHS, ("volume_mm",), ("sides_mm", "back_mm"), ("fringe_mm",)):
+            yield lambda s, f=factor, names=names: s.scaled(f, *names)  # type: ignore[misc]
         shift = 0.3 * sign
         yield lambda s, d=shift: dataclasses.replace(s, receding=float(np.clip(s.receding + d, 0, 1)))  # type: ignore[misc]
         low = 0.045 * sign

@@ -37,9 +37,10 @@ BALD = 0.22
 """Share of the visible scalp with hair on it below which a head is bald."""
 CROPPED_M = 0.0045
 """Thickness of hair at the outline under which it is cropped to the skin and has no strands of its own: of portraits
-with fur of 3 to 4 mm the median thickness is 3.0 mm. Tied hair is as flat as 6 mm."""
+with fur of 3 to 4 mm the median thickness is 3.0 mm. Tied hair is as flat as 6 mm. Twice that where a cropped style is
+likely, too."""
 LEAST_SCALP = 0.35
-"""Least share of the scalp in the picture that has to be seen for the hair to be known."""
+"""Least share of the scalp in the picture that has to be seen for the hair not to be in doubt."""
 POOR, DOUBTFUL = 0.6, 0.5
 """Overlap, and probability of the kind, below which either is in doubt."""
 STRANDS_A_TRIAL = 800
@@ -99,8 +100,9 @@ def see_hair(
         return seen
     if grown < BALD:
         return replace(seen, without="bald")
-    cropped = asked.length_mm is None and matches.probability[read_bank().cropped].sum() > 0.5
-    return replace(seen, without="shaved" if cropped or (thick is not None and thick < CROPPED_M) else "")
+    likely = asked.length_mm is None and matches.probability[read_bank().cropped].sum() > 0.5
+    cropped = likely if thick is None else thick < (2 * CROPPED_M if likely else CROPPED_M)
+    return replace(seen, without="shaved" if cropped else "")
 
 
 def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands: int, seed: int) -> WornHair:
@@ -125,12 +127,10 @@ def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands:
     if seen.read is None or sight is None or matches is None:
         style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
         doubts: tuple[str, ...] = () if asked.named else ("hair-unseen",)
-    elif seen.unseen:
-        style, doubts = _longer(_unnoticed(kinds, sight, skin, seed), asked), ("hair-unseen",)
     else:
         style = choose(read_bank(), matches, sight, skin, seed, seen.read, strands // STRANDS_A_TRIAL)
-        style, doubts = _longer(style, asked), ()
-    if matches is not None and sight is not None and asked.length_mm is None and not doubts:
+        style, doubts = _longer(style, asked), ("hair-unseen",) if seen.unseen else ()
+    if matches is not None and sight is not None and asked.length_mm is None:
         groom, shown = fitted(style, sight, skin, seed, strands)
     else:
         groom = make_groom(style, seed, strands, skin)
@@ -141,17 +141,6 @@ def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands:
         doubts += ("hair-style-poor",) if agreement < POOR else ()
         doubts += ("hair-kind-doubtful",) if kinds.get(kind, 0.0) < DOUBTFUL else ()
     return _coloured(WornHair(name, groom, kind, kinds, shown, agreement, doubts), photo, sight, person, asked, seed)
-
-
-def _unnoticed(kinds: dict[str, float], sight: Sight, skin: Scalp, seed: int) -> Style:
-    """The named style that shows least where the photo shows no hair, and the likelier the better."""
-
-    def shows(style: Style) -> float:
-        mask = sight.drawn(make_groom(style, seed, 600, skin).strands).mask
-        bare = float((mask * sight.bare).sum() / max(float(mask.sum()), 1.0))
-        return bare - 0.02 * float(np.log(max(kinds.get(style.kind, 0.0), 1e-3)))
-
-    return min((style for name, style in NAMED.items() if name != "shaved"), key=shows)
 
 
 def _asked_style(asked: AskedHair) -> Style | None:
@@ -188,7 +177,6 @@ def _coloured(
     if asked.colour != "auto":
         colour = asked_colour(asked.colour, len(groom), seed)
     else:
-        unseen = sight is None or "hair-unseen" in found.doubts
-        colour = painted(photo, None if unseen else sight, groom.strands, found.seen, skin, seed)
+        colour = painted(photo, sight, groom.strands, found.seen, skin, seed)
     doubts = found.doubts + (() if colour.measured else ("hair-colour-guessed",))
     return replace(found, groom=replace(groom, colour=colour), doubts=doubts, in_photo_light=asked.colour == "auto")

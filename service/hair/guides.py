@@ -14,6 +14,7 @@ from service.arrays import Bool, Float32, Int64
 from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp, unit
 from service.hair.style import LOOSE, Style
 from service.hair.style import Combing as Combed
+from service.robust import smoothstep
 
 GUIDES, GUIDE_POINTS = 600, 32
 DEEP = np.array([0.0, 0.0, 1.0], np.float32)
@@ -54,7 +55,7 @@ def grown(roots: Roots, style: Style, rng: np.random.Generator) -> Roots:
     wander = sum(np.sin(k * azimuth + p) / k for k, p in zip((3, 5, 9), phase, strict=True))
     keep = roots.edge + style.hairline * (0.15 * wander - 0.1)
     keep = keep - style.receding * recedes(roots) - style.crown * 1.6 * crown
-    keep = keep - _step(NAPE_M[1], NAPE_M[0], roots.position[:, 1] + 0.004 * wander)
+    keep = keep - smoothstep(roots.position[:, 1] + 0.004 * wander, NAPE_M[1], NAPE_M[0])
     return roots.chosen(keep > rng.uniform(-0.02, 0.22, len(roots)))
 
 
@@ -69,15 +70,15 @@ def recedes(roots: Roots) -> Float32:
 
 def lengths(style: Style, roots: Roots, rng: np.random.Generator) -> Float32:
     """(N,) metres of each strand by where it grows."""
-    front = _step(SIDES_RAD + 0.25, SIDES_RAD - 0.25, np.abs(roots.azimuth))
-    back = _step(np.pi - SIDES_RAD - 0.3, np.pi - SIDES_RAD + 0.3, np.abs(roots.azimuth))
-    high = _step(0.45, 0.95, roots.elevation)
+    front = smoothstep(np.abs(roots.azimuth), SIDES_RAD + 0.25, SIDES_RAD - 0.25)
+    back = smoothstep(np.abs(roots.azimuth), np.pi - SIDES_RAD - 0.3, np.pi - SIDES_RAD + 0.3)
+    high = smoothstep(roots.elevation, 0.45, 0.95)
     around = back * style.back_mm + (1 - back) * style.sides_mm
-    low_front = front * (1 - _step(0.85, 1.1, roots.elevation))
+    low_front = front * (1 - smoothstep(roots.elevation, 0.85, 1.1))
     length = high * style.top_mm + (1 - high) * around
     length = low_front * style.fringe_mm + (1 - low_front) * length
     if style.fade > 0:  # clipped from the nape and the sides upwards
-        clipped = 1 - _step(style.fade * 1.1 - 0.25, style.fade * 1.1 + 0.15, roots.elevation + 0.25)
+        clipped = 1 - smoothstep(roots.elevation + 0.25, style.fade * 1.1 - 0.25, style.fade * 1.1 + 0.15)
         length = length * (1 - clipped * (1 - front)) + 2.0 * clipped * (1 - front)
     uneven = 1 + 0.05 * rng.normal(0, 1, len(roots))
     return (length * np.clip(uneven, 0.7, 1.3) / 1000).astype(np.float32)
@@ -113,59 +114,6 @@ _COMBED: Mapping[Combed, tuple[tuple[float, ...], tuple[float, ...]]] = {
 }  # fmt: skip
 """How hair is combed on the front of the head and on the rest: away from the parting, up, ahead, as it turns away from
 the crown, and out of the head."""
-
-
-@dataclass(frozen=True)
-class Combs:
-    """How each of N strands is combed, of any number of styles.
-
-    Attributes:
-        front, rest: (N, 5) float32 weights as in ``_COMBED``, on the front of the head and on the rest.
-        side: (N,) +1 or -1: on which side of the parting the strand grows.
-        fringe: (N,) bool, what lies over the forehead.
-        tucked: (N,) float32, how much of it goes behind the ears.
-        along: (N,) float32, 1 where it lies along the skin, 0 where it is combed up.
-    """
-
-    front: Float32
-    rest: Float32
-    side: Float32
-    fringe: Bool
-    tucked: Float32
-    along: Float32
-
-    @classmethod
-    def of(cls, style: Style, roots: Roots) -> Combs:
-        """Of one style's strands."""
-        count = len(roots)
-        front, rest = (np.tile(np.array(weights, np.float32), (count, 1)) for weights in _COMBED[style.combing])
-        if style.parting != "none" and style.combing in ("natural", "forward"):
-            front[:, 0] += 0.8
-        forward = style.combing == "forward" or style.fringe_mm < SHORT_FRINGE * style.top_mm
-        whole = np.ones(count, np.float32)
-        return cls(front, rest, sides_of(style, roots), _fringe(roots) & forward, style.tucked * whole,
-                   (style.combing != "up") * whole)  # fmt: skip
-
-    def at(self, points: Float32, outwards: Float32) -> Float32:
-        """(N, 3) unit directions along the skin at points (N, 3) with the body's normals (N, 3) there."""
-        from_crown = points - CROWN
-        ox, oy, oz = np.ascontiguousarray(outwards.T)
-        x, y, z = np.ascontiguousarray(from_crown.T)
-        whorl = 0.03 * np.exp(-(x * x + y * y + z * z) / np.float32(0.03**2))
-        # On the whorl itself all directions meet; there hair lies backwards, as it does on most heads.
-        turned = x + 0.5 * (oy * z - oz * y), y + 0.5 * (oz * x - ox * z), z + 0.5 * (ox * y - oy * x) - whorl
-        natural = unit(np.stack(turned, 1))
-        front = _step(-0.09, -0.02, points[:, 2])[:, None]
-        aside, up, ahead, turn, out = (self.rest + front * (self.front - self.rest)).T
-        wish = turn[:, None] * natural + out[:, None] * outwards
-        wish += np.stack([aside * self.side, up, ahead], 1)
-        if self.tucked.any():
-            far, height, depth = np.abs(points[:, 0]), points[:, 1], points[:, 2]
-            beside = _step(0.03, 0.05, far) * _step(0.06, 0.02, height) * _step(-0.10, -0.04, depth)
-            behind = np.array([0, -0.25, -1.2], np.float32)
-            wish = wish + (3.0 * self.tucked * beside)[:, None] * (behind - 0.5 * wish)
-        wish = np.where(self.fringe[:, None], np.array([0, -0.6, 1], np.float32) + 0.25 * wish, wish)
-        return unit(wish - outwards * ((wish * outwards).sum(1) * self.along)[:, None])
 
 
 PARTED = 0.5
@@ -214,21 +162,37 @@ def grow_several(
             places.append((style, guides, free, rng))
         made.append(guides)
     if hanging:
-        names = _Hanging.__dataclass_fields__
-        combs = Combs(*(np.concatenate([getattr(one.combs, n) for one in hanging]) for n in Combs.__dataclass_fields__))
-        both = (np.concatenate([getattr(one, name) for one in hanging]) for name in names if name != "combs")
-        grown_all = _Hanging(combs, *both).grown(skin, wish)
+        whole = _Hanging(*map(np.concatenate, zip(*(vars(one).values() for one in hanging), strict=True)))
         ends = np.cumsum([len(one.place) for one in hanging])
-        for (style, guides, free, rng), own in zip(places, np.split(grown_all, ends[:-1]), strict=True):
-            guides[free] = own if style.cut_y is None else _cut(style, own, rng)
+        for (style, guides, free, rng), own in zip(places, np.split(whole.grown(skin, wish), ends[:-1]), strict=True):
+            guides[free] = _cut(style, own, rng)
     return made
 
 
 @dataclass(frozen=True)
 class _Hanging:
-    """Strands that hang, of any number of styles, as they leave the skin; all but ``combs`` (N, ...) float32."""
+    """Strands that hang, N of any number of styles, each with its own numbers.
 
-    combs: Combs
+    Attributes:
+        front, rest: (N, 5) weights as in ``_COMBED``, on the front of the head and on the rest.
+        side: (N,) +1 or -1: on which side of the parting it grows.
+        fringe: (N,) bool, what lies over the forehead.
+        tucked: (N,) how much of it goes behind the ears.
+        along: (N,) 1 where it lies along the skin, 0 where it is combed up.
+        place, normal: (N, 3) root, and the skin's normal there.
+        step: (N, 1) metres from point to point.
+        rising, astray: (N, 1) how far it rises from the skin, and (N, 3) by what it goes astray.
+        stiff, flat, gravity: (N, 1) weights of going on, of the comb, and of hanging.
+        layer: (N,) metres that it lies off the skin.
+        before: (N,) bool, whether it falls before the shoulders.
+    """
+
+    front: Float32
+    rest: Float32
+    side: Float32
+    fringe: Bool
+    tucked: Float32
+    along: Float32
     place: Float32
     normal: Float32
     step: Float32
@@ -243,47 +207,67 @@ class _Hanging:
     @classmethod
     def of(cls, style: Style, roots: Roots, length: Float32, rng: np.random.Generator) -> _Hanging:
         """Of one style."""
-        count = len(roots)
+
+        def each(value: float) -> Float32:
+            return np.full((len(roots), 1), value, np.float32)
+
+        front, rest = (np.tile(np.array(weights, np.float32), (len(roots), 1)) for weights in _COMBED[style.combing])
+        if style.parting != "none" and style.combing in ("natural", "forward"):
+            front[:, 0] += 0.8
+        fringe = _fringe(roots) & (style.combing == "forward" or style.fringe_mm < SHORT_FRINGE * style.top_mm)
         step = np.asarray(length / (GUIDE_POINTS - 1), np.float32)[:, None]
         # Hair from higher up lies over hair from below, so the body of hair gets its thickness.
-        layer = 0.25 + 0.75 * _step(-0.6, 1.2, roots.elevation)
-        layer = (layer * rng.uniform(0.5, 1.0, count)).astype(np.float32)
+        layer = 0.25 + 0.75 * smoothstep(roots.elevation, -0.6, 1.2)
+        layer = (layer * rng.uniform(0.5, 1.0, len(roots))).astype(np.float32) * np.float32(style.volume_mm / 1000)
         parted = 0.15 * np.exp(-np.square(_from_parting(style, roots) / 0.012)) if style.parting != "none" else 0.0
         # Long strands have long steps: the first of them must not carry them farther from the skin than short ones'.
         rising = np.clip(style.lift + parted, 0, 1) * np.clip(RISES_M / np.maximum(step[:, 0], 1e-6), 0.3, 1)
         # What pins leave at the temples is a lock or two: it falls behind the shoulders with the rest.
-        before = _forward(roots) & (rng.random(count) >= style.tucked) & (style.gather != "pinned")
-        astray = rng.normal(0, 0.7, (count, 3)).astype(np.float32) * np.exp(
-            -np.square(np.linalg.norm(roots.position - CROWN, axis=1, keepdims=True) / 0.035)
-        )
+        before = _forward(roots) & (rng.random(len(roots)) >= style.tucked) & (style.gather != "pinned")
+        off_crown = np.linalg.norm(roots.position - CROWN, axis=1, keepdims=True)
+        astray = rng.normal(0, 0.7, (len(roots), 3)).astype(np.float32) * np.exp(-np.square(off_crown / 0.035))
         astray -= roots.normal * (astray * roots.normal).sum(1, keepdims=True)  # it whirls, it does not stand up
-
-        def each(value: float) -> Float32:
-            return np.full((count, 1), value, np.float32)
-
         return cls(
-            Combs.of(style, roots), roots.position, roots.normal, step, rising[:, None].astype(np.float32),
-            astray.astype(np.float32),
-            each(0.4 + 1.6 * style.stiffness), each(1 - style.lift), each(style.gravity),
-            layer * np.float32(style.volume_mm / 1000), before,
+            front, rest, sides_of(style, roots), fringe, each(style.tucked)[:, 0], each(style.combing != "up")[:, 0],
+            roots.position, roots.normal, step, rising[:, None].astype(np.float32), astray.astype(np.float32),
+            each(0.4 + 1.6 * style.stiffness), each(1 - style.lift), each(style.gravity), layer, before,
         )  # fmt: skip
+
+    def combed(self, points: Float32, outwards: Float32) -> Float32:
+        """(N, 3) unit directions along the skin in which hair at points (N, 3) with normals (N, 3) there is combed."""
+        x, y, z = np.ascontiguousarray((points - CROWN).T)
+        ox, oy, oz = np.ascontiguousarray(outwards.T)
+        # On the whorl itself all directions meet; there hair lies backwards, as it does on most heads.
+        whorl = 0.03 * np.exp(-(x * x + y * y + z * z) / np.float32(0.03**2))
+        turned = x + 0.5 * (oy * z - oz * y), y + 0.5 * (oz * x - ox * z), z + 0.5 * (ox * y - oy * x) - whorl
+        front = smoothstep(points[:, 2], -0.09, -0.02)[:, None]
+        aside, up, ahead, turn, out = (self.rest + front * (self.front - self.rest)).T
+        wish = turn[:, None] * unit(np.stack(turned, 1)) + out[:, None] * outwards
+        wish += np.stack([aside * self.side, up, ahead], 1)
+        if self.tucked.any():
+            far, height, depth = np.abs(points[:, 0]), points[:, 1], points[:, 2]
+            beside = smoothstep(far, 0.03, 0.05) * smoothstep(height, 0.06, 0.02) * smoothstep(depth, -0.10, -0.04)
+            behind = np.array([0, -0.25, -1.2], np.float32)
+            wish = wish + (3.0 * self.tucked * beside)[:, None] * (behind - 0.5 * wish)
+        wish = np.where(self.fringe[:, None], np.array([0, -0.6, 1], np.float32) + 0.25 * wish, wish)
+        return unit(wish - outwards * ((wish * outwards).sum(1) * self.along)[:, None])
 
     def grown(self, skin: Scalp, wish: Combing | None) -> Float32:
         """(N, 32, 3) their points, before they are cut."""
-        combs, place, step, side = self.combs, self.place, self.step, self.combs.side
-        comb = combs.at(place, self.normal)
+        place, step, side = self.place, self.step, self.side
+        comb = self.combed(place, self.normal)
         if wish is not None:
             own, sure = wish(place, self.normal)
             comb = unit(comb * (1 - sure[:, None]) + own * sure[:, None])
         heading = unit(unit(self.rising * self.normal + (1.02 - self.rising) * comb) + self.astray)
-        long = _step(0.09, 0.14, step * (GUIDE_POINTS - 1))
+        long = smoothstep(step * (GUIDE_POINTS - 1), 0.09, 0.14)
         points = [place]
         for k in range(1, GUIDE_POINTS):
             gone = np.minimum(k * step, 1.0)
             outwards = skin.outwards(place)
             fades = np.exp(-gone / COMBED_M)
             weight = self.gravity * np.clip(gone / HANGS_AFTER_M, 0, 1.5)
-            bent = self.stiff * heading + 0.5 * self.flat * fades * combs.at(place, outwards) + weight * DOWN
+            bent = self.stiff * heading + 0.5 * self.flat * fades * self.combed(place, outwards) + weight * DOWN
             aside = long * (_before_face(place) * side)[:, None] * ASIDE
             heading = unit(bent + aside + _draped(place, self.before)[:, None] * DEEP)
             if wish is not None:
@@ -292,9 +276,9 @@ class _Hanging:
             rise = np.minimum(gone[:, 0] * 0.6, self.layer) + CLEARANCE_M
             tried = skin.pushed((place + step * heading).astype(np.float32), rise.astype(np.float32))
             loose = np.maximum(skin.outside(tried) - 1.5 * self.layer - CLEARANCE_M, 0)
-            lies = long * self.flat * fades * _step(0.0, 0.04, tried[:, 1])[:, None]
+            lies = long * self.flat * fades * smoothstep(tried[:, 1], 0.0, 0.04)[:, None]
             tried = np.asarray(tried - outwards * loose[:, None] * lies, np.float32)
-            tried = _beside_face(tried, side, long[:, 0] * ~combs.fringe)
+            tried = _beside_face(tried, side, long[:, 0] * ~self.fringe)
             heading = unit(tried - place)
             place = np.asarray(place + step * heading, np.float32)
             points.append(place)
@@ -305,13 +289,13 @@ def _draped(points: Float32, before: Bool) -> Float32:
     """(N,) how far forward (negative: back) hair below the ears is drawn: it falls before or behind the shoulders."""
     middle, radii = SHOULDERS
     wanted = np.where(before, middle[2] + radii[2] + 0.02, middle[2] - radii[2] - 0.015)
-    low = _step(-0.03, -0.11, points[:, 1])
+    low = smoothstep(points[:, 1], -0.03, -0.11)
     return np.asarray(low * np.clip((wanted - points[:, 2]) / 0.04, -1.2, 1.2), np.float32)
 
 
 def _beside_face(points: Float32, side: Float32, long: Float32) -> Float32:
     """Points (N, 3) of hair that is too long for a fringe, moved towards the sides of the face, step by step."""
-    half = FACE_M * _step(0.055, 0.02, points[:, 1]) * _step(-0.03, 0.005, points[:, 2])
+    half = FACE_M * smoothstep(points[:, 1], 0.055, 0.02) * smoothstep(points[:, 2], -0.03, 0.005)
     missing = np.maximum(half - points[:, 0] * side, 0) * long
     moved = points.copy()
     moved[:, 0] += 0.45 * side * missing
@@ -320,8 +304,8 @@ def _beside_face(points: Float32, side: Float32, long: Float32) -> Float32:
 
 def _before_face(points: Float32) -> Float32:
     """(N,) 1 before the middle of the face, 0 beside it: nobody wears long hair there."""
-    across = 1 - _step(0.035, 0.062, np.abs(points[:, 0]))
-    return across * _step(-0.03, 0.0, points[:, 2]) * (1 - _step(0.04, 0.075, points[:, 1]))
+    across = 1 - smoothstep(np.abs(points[:, 0]), 0.035, 0.062)
+    return across * smoothstep(points[:, 2], -0.03, 0.0) * (1 - smoothstep(points[:, 1], 0.04, 0.075))
 
 
 def _cut(style: Style, guides: Float32, rng: np.random.Generator) -> Float32:
@@ -369,7 +353,7 @@ def _round_head(start: Float32, end: Float32, share: Float32, aside: Float32) ->
     Opposite places are joined over the top: hair on the forehead is combed back, and by ``aside`` (N, 3) to one side.
     """
     first, last = unit(start - CENTRE), unit(end - CENTRE)
-    apart = _step(0.2, -0.8, (first * last).sum(1))[:, None]
+    apart = smoothstep((first * last).sum(1), 0.2, -0.8)[:, None]
     middle = unit(first + last + apart * np.array([0.0, 1.0, 0.0], np.float32) + aside)
     begin, rest = (1 - share) ** 2 * first[:, None], share**2 * last[:, None]
     toward = unit(begin + 2 * share * (1 - share) * middle[:, None] + rest)
@@ -383,7 +367,7 @@ def _gathered(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.
     share = np.linspace(0, 1, 24, dtype=np.float32)[None, :, None]
     aside = np.zeros((len(roots), 3), np.float32)
     if style.parting != "none" and style.gather not in LOOSE:
-        front = _step(1.3, 0.5, np.abs(roots.azimuth)) * _step(0.2, 0.6, roots.elevation)
+        front = smoothstep(np.abs(roots.azimuth), 1.3, 0.5) * smoothstep(roots.elevation, 0.2, 0.6)
         aside[:, 0] = PARTED * front * sides_of(style, roots)
     way = _round_head(roots.position, tie, share, aside)
     rise = np.sin(np.pi * share[..., 0]) * style.volume_mm / 1000 * rng.uniform(0.4, 1, (len(roots), 1)) + 0.002
@@ -479,9 +463,3 @@ def resampled(lines: Float32, share: Float32, points: int) -> Float32:
     run = np.maximum(gone[row, place + 1] - gone[row, place], 1e-12)
     part = np.clip((wanted - gone[row, place]) / run, 0, 1)[..., None]
     return np.asarray((lines[row, place] * (1 - part) + lines[row, place + 1] * part), np.float32)
-
-
-def _step(low: float, high: float, value: Float32) -> Float32:
-    """0 up to ``low``, 1 from ``high`` on, smooth between; ``low`` may be the larger."""
-    share = np.clip((value - low) / (high - low), 0, 1)
-    return np.asarray(share * share * (3 - 2 * share), np.float32)

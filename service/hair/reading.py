@@ -21,7 +21,6 @@ from service.face.reading import reader
 from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, OTHER, SKIN
 from service.face.reading.reader import AROUND_ABOVE, AROUND_FILL, Reading, middles, parts_at_pixels
 from service.face.region import Region
-from service.geometry.sampling import sample_at
 from service.hair.kinds import KINDS, PARTINGS
 from service.image_filters import ramp
 from service.runtime.sessions import Session, load_session
@@ -74,13 +73,6 @@ class HairReading:
     def likeliest(self, kind: str) -> tuple[str, float]:
         """The likeliest choice of one of ``service.hair.kinds.KINDS``, and its probability."""
         return max(self.kinds[kind].items(), key=lambda item: item[1])
-
-    def mask_at(self, at: Float64) -> Float32:
-        """(N,) float32 of the mask at photo pixels (N, 2); 0 beside the square."""
-        cells = self.region.to_crop(at, CELLS).astype(np.float32)
-        values = np.asarray(sample_at(self.mask, cells[:, 0] - 0.5, cells[:, 1] - 0.5)[:, 0], np.float32)
-        inside = ((cells >= 0) & (cells <= CELLS)).all(1)
-        return np.where(inside, values, np.float32(0))
 
 
 def region_of(reading: Reading) -> Region:

@@ -2,7 +2,8 @@
 
     python blender_hair.py FILE OUT [SIZE SAMPLES VIEWS]
 
-FILE is a GLB, a USD file or a kit's avatar.blend. OUT gets PNGs named front, left, three_quarter, back and top.
+FILE is a GLB, a USD file or a kit's avatar.blend. OUT gets PNGs named front, left, three_quarter, back and top, and of
+each one named front_hair and so on, whose alpha is the share of a pixel in which the camera sees hair.
 """
 
 import math
@@ -59,7 +60,7 @@ def main() -> None:
     scene.render.resolution_x = scene.render.resolution_y = size
     scene.render.use_persistent_data = True
     scene.view_settings.view_transform = "Standard"
-    scene.render.film_transparent = False
+    scene.render.image_settings.color_mode = "RGBA"
     world = bpy.data.worlds.new("sky")
     scene.world = world
     world.use_nodes = True
@@ -74,8 +75,13 @@ def main() -> None:
     for name in views:
         camera.location = middle + toward(*VIEWS[name], 1.3)
         camera.rotation_euler = (middle - camera.location).to_track_quat("-Z", "Y").to_euler()
-        scene.render.filepath = str(out / f"{name}.png")
-        bpy.ops.render.render(write_still=True)
+        for ending in ("", "_hair"):
+            for one in meshes:
+                one.is_holdout = bool(ending) and not one.name.startswith("hair")
+            scene.render.film_transparent = bool(ending)
+            scene.cycles.samples = max(samples // 4, 4) if ending else samples
+            scene.render.filepath = str(out / f"{name}{ending}.png")
+            bpy.ops.render.render(write_still=True)
 
 
 main()

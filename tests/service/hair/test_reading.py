@@ -127,8 +127,13 @@ def test_the_sample_photo_has_hair_over_the_forehead_and_none_on_the_face() -> N
     assert face_crop is not None
     x, y = landmarks[10, :2]
     reach = face_crop.side
-    above = found.mask_at(np.array([[x, y - 0.12 * reach], [x - 0.1 * reach, y - 0.12 * reach]]))
-    on_face = found.mask_at(landmarks[[4, 152, 50, 280], :2].astype(np.float64))
+    above, on_face = (
+        found.mask[tuple(found.region.to_crop(at, CELLS).astype(int).T[::-1])]
+        for at in (
+            np.array([[x, y - 0.12 * reach], [x - 0.1 * reach, y - 0.12 * reach]]),
+            landmarks[[4, 152, 50, 280], :2],
+        )
+    )
     assert above.min() > 0.6
     assert on_face.max() < 0.3
     assert found.likeliest("length")[0] != "cropped"

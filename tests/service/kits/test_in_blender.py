@@ -7,6 +7,7 @@ share an environment with numpy 2: ``python -m venv blender; blender/bin/pip ins
 from __future__ import annotations
 
 import json
+import logging
 import subprocess
 import zipfile
 from dataclasses import replace
@@ -21,7 +22,10 @@ from service.archive.pack import write_archive
 from service.head.files import triangle_fields
 from service.kits.export import blender, export_kit
 from service.reflectance.reflectance_maps import Wrinkle
+from tests.end_to_end.command import avatarme as main_of
 from tests.service.archive.toys import whole_avatar
+
+SAMPLE = Path(__file__).resolve().parents[3] / "service" / "data" / "sample" / "astronaut.png"
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
 
@@ -34,12 +38,20 @@ LARGEST_MEAN = 2.0
 """Mean difference of pictures of the same head from two formats, in 1/255."""
 
 
+PIXELS, MM_A_PIXEL = 1600, 0.25
+"""Side of the pictures of hair; 0.4 m at the head's distance."""
+DARK, AROUND_PX = 0.25, 61
+"""Luminance over that of the hair around, a median, below which a pixel is dark, and the side of what is around."""
+SLIT_MM2, HOLE_MM2 = 12.0, 6.0
+"""Largest dark slit between cards that is allowed, and largest hole in the hair of the crown."""
+
+
 def run(tool: str, *arguments: object) -> None:
     command = blender()
     assert command is not None
     dashes = ["--"] if command[1:] else []
     done = subprocess.run(
-        [*command, str(TOOLS / tool), *dashes, *map(str, arguments)], capture_output=True, text=True, timeout=600
+        [*command, str(TOOLS / tool), *dashes, *map(str, arguments)], capture_output=True, text=True, timeout=3600
     )
     assert done.returncode == 0, done.stderr[-2000:] + done.stdout[-2000:]
 
@@ -114,3 +126,47 @@ def test_the_kits_scene_is_driven_as_a_whole(archive: Path, tmp_path: Path) -> N
     shown = np.load(tmp_path / "photo.npz")["skin"]
     own = np.unique(avatar.head.triangles[avatar.head.triangle_part == 0])
     np.testing.assert_allclose(shown[:, [0, 2, 1]] * [1, 1, -1], avatar.fit.vertices[own], atol=2e-5)
+
+
+def largest_mm2(where: np.ndarray) -> float:
+    """Area of the largest connected part of a mask (H, W)."""
+    count, _, facts, _ = cv2.connectedComponentsWithStats(where.astype(np.uint8), connectivity=8)
+    return float(facts[1:, cv2.CC_STAT_AREA].max() if count > 1 else 0) * MM_A_PIXEL**2
+
+
+def slit_mm2(picture: np.ndarray, hair: np.ndarray) -> float:
+    """The largest dark part within hair: picture (H, W, 3) uint8, hair (H, W) in [0, 1], the share of it."""
+    inner = cv2.erode((hair > 0.5).astype(np.uint8), np.ones((9, 9))) > 0
+    linear = (picture[..., :3].mean(2) / 255) ** 2.2
+    around = cv2.medianBlur(np.rint(255 * np.sqrt(linear)).astype(np.uint8), AROUND_PX)
+    return largest_mm2(inner & (linear < DARK * np.square(around / 255.0)))
+
+
+def hole_mm2(hair: np.ndarray) -> float:
+    """The largest part without hair that hair surrounds, within 80 mm of its middle: seen from above, the crown."""
+    solid = (hair > 0.5).astype(np.uint8)
+    outside = np.pad(1 - solid, 1, constant_values=1)
+    cv2.floodFill(outside, None, (0, 0), 0)
+    rows, columns = np.indices(hair.shape)
+    y, x = (float(np.average(values, weights=solid)) for values in (rows, columns))
+    near = np.hypot(rows - y, columns - x) < 80 / MM_A_PIXEL
+    return largest_mm2((outside[1:-1, 1:-1] > 0) & near)
+
+
+def test_hair_has_no_slit_and_no_hole(tmp_path: Path) -> None:
+    """A real head at ``standard``, under key and rim light from five sides.
+
+    ``pytest --log-cli-level=info`` says what was measured.
+    """
+    avatar = tmp_path / "avatar.zip"
+    assert main_of("make", SAMPLE, "-o", avatar, "--quality", "standard").status == 0
+    with zipfile.ZipFile(avatar) as stored:
+        stored.extract("mesh/head.glb", tmp_path)
+    run("blender_hair.py", tmp_path / "mesh" / "head.glb", tmp_path, PIXELS, 24)
+    for side in ("front", "three_quarter", "left", "back", "top"):
+        picture, hair = (cv2.imread(str(tmp_path / f"{side}{end}.png"), cv2.IMREAD_UNCHANGED) for end in ("", "_hair"))
+        assert picture is not None and hair is not None and hair.shape == (PIXELS, PIXELS, 4)
+        share = hair[..., 3] / 255.0
+        slit, hole = slit_mm2(picture, share), hole_mm2(share)
+        logging.info("%s: hair %.3f of the picture, slit %.1f mm2, hole %.1f mm2", side, share.mean(), slit, hole)
+        assert slit < SLIT_MM2 and (side not in ("back", "top") or hole < HOLE_MM2), side
