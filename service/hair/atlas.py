@@ -187,22 +187,25 @@ def draw_atlas(strokes: Strokes, cells: Cells, side: int, roots: Float32, rng: n
         rng: turns strands about themselves.
     """
     which, along = _painted(strokes, side)
-    fine = which.reshape(side, side, SUBTEXELS)
-    alpha = (fine >= 0).mean(2, dtype=np.float32)
-    top = fine.max(2)
-    rows, columns = np.nonzero(top >= 0)
-    stroke, t = top[rows, columns], along[rows]
+    samples_across = [which[:, first::SUBTEXELS] for first in range(SUBTEXELS)]
+    shown = np.sum([one >= 0 for one in samples_across], 0, np.uint8)
+    top = np.maximum.reduce(samples_across)
+    at = np.flatnonzero(top >= 0)
+    stroke, t = top.ravel()[at], along[at // side]
     samples = strokes.colour.shape[1]
     place = np.clip(t * (samples - 1), 0, samples - 1.001)
     low = place.astype(int)
-    part = (place - low)[:, None]
-    coded = linear_to_srgb(strokes.colour)
-    colour = (coded[stroke, low] * (1 - part) + coded[stroke, low + 1] * part).astype(np.float32)
+    part = (place - low).astype(np.float32)[:, None]
+    coded = linear_to_srgb(strokes.colour).reshape(-1, 3)
+    first = stroke * samples + low
+    colour = coded.take(first, 0) * (1 - part) + coded.take(first + 1, 0) * part
     steps = (COLOUR_STEP * np.rint((255 // COLOUR_STEP) * np.clip(colour, 0, 1))).astype(np.uint8)
-    told = np.stack([t, (stroke * 97 % 251) / 255.0, (stroke % 64) / 63.0], 1).astype(np.float32)
     nearest = _nearest(top >= 0)
-    pixels = np.dstack([steps[nearest], np.rint(255 * alpha).astype(np.uint8)])
-    strands = np.rint(255 * np.clip(told, 0, 1)).astype(np.uint8)[nearest[::2, ::2]]
+    pixels = np.dstack([steps[nearest], np.rint(shown * np.float32(255 / SUBTEXELS)).astype(np.uint8)])
+    which_strand = np.arange(len(strokes.cell))
+    codes = np.stack([which_strand * 97 % 251, np.rint(which_strand % 64 * (255 / 63))], 1).astype(np.uint8)
+    half = nearest[::2, ::2]
+    strands = np.dstack([np.rint(255 * np.clip(t, 0, 1)).astype(np.uint8)[half], codes[stroke[half]]])
     turned = np.clip(rng.normal(0, TILT, len(strokes.cell)), -0.7, 0.7).astype(np.float32)
     lean = np.clip(rng.normal(0, 0.10, len(strokes.cell)), -0.25, 0.25).astype(np.float32)
     places = strokes.way.shape[1] - 1
@@ -214,7 +217,7 @@ def draw_atlas(strokes: Strokes, cells: Cells, side: int, roots: Float32, rng: n
     def averaged(values: Float32, step: int, usual: Float32) -> Float32:
         """Unit vectors of what is shown, as means over ``step`` texels of a side; ``usual`` where nothing is."""
         image = np.zeros((side, side, values.shape[1]), np.float32)
-        image[rows, columns] = values
+        image.reshape(-1, values.shape[1])[at] = values
         small = cv2.resize(image, (side // step, side // step), interpolation=cv2.INTER_AREA) + usual
         return np.asarray(small / np.linalg.norm(small, axis=2, keepdims=True), np.float32)
 
