@@ -24,7 +24,7 @@ from service.hair.groom import Groom, make_groom
 from service.hair.paint import painted
 from service.hair.reading import HairNetwork, HairReading, read_hair
 from service.hair.scalp import Scalp
-from service.hair.shape import fitted, seen_share, thickness_m
+from service.hair.shape import fitted, seen_share
 from service.hair.sight import Sight, overlap
 from service.hair.style import LENGTHS, NAMED, Style, style_from_json
 from service.hair.worn_hair import WornHair
@@ -35,10 +35,8 @@ UNREAD = "crop"
 """Style of a head of which nothing was read."""
 BALD = 0.22
 """Share of the visible scalp with hair on it below which a head is bald."""
-CROPPED_M = 0.0045
-"""Thickness of hair at the outline under which it is cropped to the skin and has no strands of its own: of portraits
-with fur of 3 to 4 mm the median thickness is 3.0 mm. Tied hair is as flat as 6 mm. Twice that where a cropped style is
-likely, too."""
+SHAVED = 0.8
+"""Probability of styles that are cropped to the skin from which on no strands are worn."""
 LEAST_SCALP = 0.35
 """Least share of the scalp in the picture that has to be seen for the hair not to be in doubt."""
 POOR, DOUBTFUL = 0.6, 0.5
@@ -95,14 +93,10 @@ def see_hair(
     matches = match(read_bank(), sight, fit, head, read)
     grown, known = _on_scalp(sight, skin)
     seen = SeenHair(skin, read, sight, matches, known < LEAST_SCALP)
-    thick = thickness_m(sight)
     if seen.unseen:
         return seen
-    if grown < BALD:
-        return replace(seen, without="bald")
-    likely = asked.length_mm is None and matches.probability[read_bank().cropped].sum() > 0.5
-    cropped = likely if thick is None else thick < (2 * CROPPED_M if likely else CROPPED_M)
-    return replace(seen, without="shaved" if cropped else "")
+    cropped = asked.length_mm is None and matches.probability[read_bank().cropped].sum() > SHAVED
+    return replace(seen, without="bald" if grown < BALD else "shaved" if cropped else "")
 
 
 def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands: int, seed: int) -> WornHair:

@@ -94,24 +94,6 @@ def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
     return np.asarray(strands + offset, np.float32)
 
 
-LEAST_RAYS = 8
-"""Fewest directions from which the thickness of hair is told."""
-
-
-def thickness_m(sight: Sight) -> float | None:
-    """How far the photo's hair stands off the outline of the bare head, metres: four fifths of top and sides less.
-
-    None where fewer than ``LEAST_RAYS`` tell.
-    """
-    frame = _rays(sight)
-    if frame is None:
-        return None
-    centre, upwards, scale, _ = frame
-    hair, bare, trust = _reaches(centre, upwards, scale, np.asarray(np.isfinite(sight.behind), np.float32), sight)
-    told = trust > 0.5
-    return float(np.quantile((hair - bare)[told], 0.8)) / scale if told.sum() >= LEAST_RAYS else None
-
-
 def _rays(sight: Sight) -> tuple[Float64, float, float, Float64] | None:
     """Middle of the head in cells, the angle of upwards, cells a metre, and the same of both axes of the camera."""
 

@@ -16,11 +16,11 @@ from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, 
 from service.hair.bank import kind_of, match, mirrored, read_bank
 from service.hair.choose import candidates
 from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
-from service.hair.find_hair import CROPPED_M, grow_hair, see_hair
+from service.hair.find_hair import grow_hair, see_hair
 from service.hair.paint import painted
 from service.hair.reading import CELLS
 from service.hair.scalp import Scalp
-from service.hair.shape import filled, fitted, seen_share, seen_thinning, thickness_m, trimmed
+from service.hair.shape import filled, fitted, seen_share, seen_thinning, trimmed
 from service.hair.sight import Sight, overlap
 from service.hair.style import NAMED, style_to_json
 from service.hair.wear import hair_cards
@@ -261,11 +261,6 @@ def test_a_parting_is_found_on_its_own_side() -> None:
     half = len(read_bank().styles)
     np.testing.assert_allclose(again.overlap, np.roll(matches.overlap, half), atol=0.06)
     assert mirrored(mirrored(NAMED["side_part"])) == NAMED["side_part"]
-
-
-def test_thickness_tells_a_shaved_head_from_a_crop() -> None:
-    thin, thick = (thickness_m(photographed(NAMED[kind], 3, HEAD).sight) for kind in ("shaved", "side_part"))
-    assert thin is not None and thick is not None and 0.5 * thick > CROPPED_M and thin < 0.4 * thick
 
 
 def test_hair_that_is_not_seen_is_guessed_and_says_so() -> None:
