@@ -120,11 +120,15 @@ def test_a_disk_that_is_full_ends_the_batch(folders: Folders, monkeypatch: pytes
 
 
 BATCH = """
-import sys, dataclasses
+import dataclasses, sys
 from service.batch import driver
 from service.cli.app import main
-wanted = driver.Wanted
-driver.Wanted = lambda **named: wanted(**named, program="tests.support.toy_photo")
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Wanted(driver.Wanted):
+    program: str = "tests.support.toy_photo"
+
+driver.Wanted = Wanted
 sys.argv = ["avatarme", "batch", *sys.argv[1:]]
 main()
 """
@@ -145,7 +149,7 @@ def test_the_state_after_an_interruption_is_sound(folders: Folders, how: signal.
     started = hanging.with_suffix(".started")
     with process:
         deadline = time.monotonic() + 120
-        while not (started.exists() and started.read_text()) and time.monotonic() < deadline:
+        while not (started.exists() and started.read_text()) and process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.05)
         process.send_signal(how)
         status = process.wait(60)
