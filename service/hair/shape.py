@@ -181,6 +181,8 @@ LEAST_LEFT = 0.3
 """Share of a strand that cutting has to leave; else the whole strand goes."""
 HANGS_BELOW_M = -0.04
 """Height below which hair hangs: what is hidden there ends where that beside it does."""
+NAPE_LEFT_M = 0.02
+"""How far below its root such a strand may hang all the same."""
 STEP_M = 0.012
 GONE = 0.15
 """Share of a row of hanging hair that the photo shows, below which the row is beyond its ends."""
@@ -206,7 +208,8 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     beyond = (bare > BARE) & ((on_head > 0) | (skin.outside(strands) > NEAR_SKIN_M))
     ends = _ends(strands, sight)
     if ends is not None:
-        height = ends + rng.normal(0, 0.006, len(strands))
+        # What grows on the nape itself is no stub.
+        height = np.minimum(ends + rng.normal(0, 0.006, len(strands)), strands[:, 0, 1] - NAPE_LEFT_M)
         beyond |= (strands[..., 1] < height[:, None]) & (strands[..., 1] < HANGS_BELOW_M)
     cut = beyond.any(1)
     first = np.where(cut, beyond.argmax(1), points - 1)
