@@ -28,8 +28,9 @@ from service.robust import geman_mcclure
 
 CELL_M = 0.0007
 """Side of a pixel of the pictures that are compared, metres on the face."""
-SURROUNDINGS = 5.0
-"""Standard deviation, cells, of what mean and contrast are taken from, and of what is correlated."""
+NEAR, SURROUNDINGS = 3.0, 5.0
+"""Standard deviations, cells, of what mean and contrast are taken from, and of what is correlated: a wider mean leaves
+shading in the pictures, which differs from light to light."""
 ANGLES_DEG, BEST_DEG = (8.0, 65.0), 35.0
 """Angles between two views that are compared, and the best: near ones tell no depth, far ones see other skin."""
 LEAST_NCC, FULL_NCC = 0.45, 0.8
@@ -160,6 +161,8 @@ def tracks(head: HeadModel, one: Picture, other: Picture) -> Tracks | None:
     moved = cv2.remap(other.grey, where[..., 0], where[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     ours, theirs = _even(one.grey, both), _even(np.asarray(moved, np.float32), both)
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    flow.setPatchSize(16)  # of 8, even skin holds nothing
+    flow.setPatchStride(4)
     images = [np.clip(128 + 45 * image, 0, 255).astype(np.uint8) for image in (ours, theirs)]
     still = np.zeros((height, width, 2), np.float32)
     forth = np.asarray(flow.calc(images[0], images[1], still.copy()), np.float32)
@@ -175,7 +178,7 @@ def tracks(head: HeadModel, one: Picture, other: Picture) -> Tracks | None:
     lands = cv2.remap(both.astype(np.float32), to[..., 0], to[..., 1], cv2.INTER_LINEAR)
     trust = trust * both * (lands > 0.99)
     # Most spots of a pair.
-    stride = max(int(np.ceil(np.sqrt(both.sum() / 600))), 1)
+    stride = max(int(np.ceil(np.sqrt(both.sum() / 1500))), 1)
     lattice = np.zeros_like(both)
     lattice[stride // 2 :: stride, stride // 2 :: stride] = True
     rows, columns = np.nonzero(lattice & (trust > 0.05))
@@ -196,10 +199,10 @@ def tracks(head: HeadModel, one: Picture, other: Picture) -> Tracks | None:
 def _even(grey: Float32, inside: Bool) -> Float32:
     """(h, w) a picture without its local mean and contrast, 0 outside."""
     weight = inside.astype(np.float32)
-    near = np.maximum(blurred(weight, SURROUNDINGS), np.float32(1e-3))
-    mean = blurred(grey * weight, SURROUNDINGS) / near
+    near = np.maximum(blurred(weight, NEAR), np.float32(1e-3))
+    mean = blurred(grey * weight, NEAR) / near
     rest = (grey - mean) * weight
-    spread = np.sqrt(np.maximum(blurred(rest * rest, SURROUNDINGS) / near, 0))
+    spread = np.sqrt(np.maximum(blurred(rest * rest, NEAR) / near, 0))
     # Contrast, in log of luminance, below which skin counts as even.
     return np.asarray(rest / (spread + np.float32(0.02)), np.float32)
 
