@@ -181,7 +181,7 @@ LEAST_LEFT = 0.3
 """Share of a strand that cutting has to leave; else the whole strand goes."""
 HANGS_BELOW_M = -0.04
 """Height below which hair hangs: what is hidden there ends where that beside it does."""
-NAPE_LEFT_M = 0.02
+NAPE_LEFT_M = 0.012
 """How far below its root such a strand may hang all the same."""
 STEP_M = 0.012
 GONE = 0.15
@@ -208,8 +208,9 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     beyond = (bare > BARE) & ((on_head > 0) | (skin.outside(strands) > NEAR_SKIN_M))
     ends = _ends(strands, sight)
     if ends is not None:
-        # What grows on the nape itself is no stub.
-        height = np.minimum(ends + rng.normal(0, 0.006, len(strands)), strands[:, 0, 1] - NAPE_LEFT_M)
+        # What grows on a nape that is not seen is no stub.
+        height, (_, shown) = ends + rng.normal(0, 0.006, len(strands)), sight.visible(*sight.project(strands[:, 0]))
+        height = np.where(shown, height, np.minimum(height, strands[:, 0, 1] - NAPE_LEFT_M))
         beyond |= (strands[..., 1] < height[:, None]) & (strands[..., 1] < HANGS_BELOW_M)
     cut = beyond.any(1)
     first = np.where(cut, beyond.argmax(1), points - 1)
