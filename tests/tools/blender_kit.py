@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 import mathutils
 import numpy as np
+from blender_stage import aimed, camera, cycles, drawn, opened, seen_from
 
 POSES: dict[str, dict[str, float]] = {
     "neutral": {},
@@ -85,32 +86,15 @@ def folds() -> dict[str, float]:
     return {one.label: float(one.outputs[0].default_value) for one in values if one.label.startswith("wrinkle")}
 
 
-def view(yaw: float, low: np.ndarray, high: np.ndarray) -> None:
-    scene = bpy.context.scene
-    middle = mathutils.Vector((low + high) / 2)
-    turn = math.radians(yaw)
-    one = bpy.data.objects.get("view") or bpy.data.objects.new("view", bpy.data.cameras.new("view"))
-    if one.name not in scene.collection.objects:
-        scene.collection.objects.link(one)
-    one.location = middle + mathutils.Vector((1.3 * math.sin(turn), -1.3 * math.cos(turn), 0.0))
-    one.rotation_euler = (math.pi / 2, 0.0, turn)
-    one.data.sensor_fit = "VERTICAL"
-    one.data.angle = 2 * math.atan(float(high[2] - low[2]) * 0.58 / 1.3)
-    one.data.clip_start = 0.01
-    scene.camera = one
-
-
 def main() -> None:
     out = Path(sys.argv[2])
-    bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+    meshes = {one.name: one for one in opened(Path(sys.argv[1])) if one.type == "MESH"}
     armature = bpy.data.objects["avatar"]
-    meshes = {one.name: one for one in bpy.data.objects if one.type == "MESH" and not one.hide_render}
     posed(armature, {})
     still = {name: points(mesh) for name, mesh in meshes.items()}
     both = np.concatenate(list(still.values()))
     low, high = both.min(0), both.max(0)
-    scene = bpy.context.scene
-    camera = scene.camera
+    photo = bpy.context.scene.camera
     told: dict[str, Any] = {
         "units": len(units_of(armature)),
         "bones": sorted(bone.name for bone in armature.data.bones),
@@ -122,14 +106,14 @@ def main() -> None:
             link.to_socket.name == "Displacement" for link in one.node_tree.links)],
         "subdivided": [name for name, mesh in meshes.items() if any(m.type == "SUBSURF" for m in mesh.modifiers)],
         "moved_mm": {}, "border_mm": border_mm(), "folds": {},
-        "camera": None if camera is None else {"lens": camera.data.lens},
+        "camera": None if photo is None else {"lens": photo.data.lens},
     }
     if len(sys.argv) > 3:
-        scene.cycles.device, scene.cycles.samples = "CPU", int(sys.argv[4])
-        scene.cycles.use_denoising, scene.cycles.max_bounces = True, 3
-        scene.render.threads_mode, scene.render.threads = "FIXED", 2
-        scene.render.resolution_x, scene.render.resolution_y = int(sys.argv[3]) * 3 // 4, int(sys.argv[3])
+        size, samples = (int(value) for value in sys.argv[3:5])
+        scene = cycles(size * 3 // 4, size, samples, bounces=3)
+        scene.cycles.use_denoising = True
         scene.render.use_persistent_data = True
+        view = camera(2 * math.atan(float(high[2] - low[2]) * 0.58 / 1.3))
     poses = sys.argv[5].split(",") if len(sys.argv) > 5 else list(POSES)
     for pose in poses:
         posed(armature, POSES[pose])
@@ -139,9 +123,8 @@ def main() -> None:
         if pose == "photo":
             np.savez(out / "photo.npz", allow_pickle=False, **now)
         if len(sys.argv) > 3:
-            view(YAWS.get(pose, 0.0), low, high)
-            scene.render.filepath = str(out / f"{pose}.png")
-            bpy.ops.render.render(write_still=True)
+            aimed(view, mathutils.Vector((low + high) / 2), seen_from(YAWS.get(pose, 0.0), 0.0, 1.3))
+            drawn(out / f"{pose}.png")
     (out / "facts.json").write_text(json.dumps(told, indent=1))
 
 
