@@ -1,8 +1,8 @@
 """Receiving a photo and what is said beside it: taken apart and counted as it streams to the disk, with a deadline and
 a least speed, and gone again if anything fails.
 
-The form is taken apart by ``python_multipart`` and not by the framework's parser: that one keeps photos in a temporary
-file of its own, takes text of any name, and does not see that the end is missing.
+The form is taken apart by ``multipart`` and not by the framework's parser: that one keeps photos in a temporary file of
+its own, takes text of any name, and does not see that the end is missing.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
-from python_multipart.exceptions import MultipartParseError
-from python_multipart.multipart import MultipartParser, parse_options_header
+from multipart import MultipartError, MultipartSegment, PushMultipartParser, parse_options_header
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 
@@ -46,7 +45,6 @@ MOST_TOGETHER = 4
 LEAST_SPEED = 4096
 """Bytes a second that a body has to bring after its first seconds, or its place is given to somebody else."""
 
-_MAX_HEADER = 8 << 10
 _FRAME = 64 << 10
 _BATCH = 256 << 10
 
@@ -172,40 +170,38 @@ class Multipart(UploadBody):
 
     def __init__(self, upload: Upload, stream: IO[bytes], kind: str) -> None:
         super().__init__(upload, stream)
-        boundary = parse_options_header(kind)[1].get(b"boundary")
-        if not boundary or len(boundary) > 70:
+        boundary = parse_options_header(kind)[1].get("boundary", "")
+        if not 0 < len(boundary) <= 70:
             raise HttpProblem("malformed-multipart", 400, "the Content-Type has no usable boundary")
-        self._key, self._content, self._disposition = bytearray(), bytearray(), b""
-        callbacks: Any = {
-            "on_part_begin": self._begin,
-            "on_part_data": self._data,
-            "on_part_end": self._end,
-            "on_header_field": lambda data, start, end: self._grow(self._key, data[start:end]),
-            "on_header_value": lambda data, start, end: self._grow(self._content, data[start:end]),
-            "on_header_end": self._header_end,
-            "on_headers_finished": self._headers_end,
-            "on_end": self._close,
-        }
-        self._parser = MultipartParser(boundary, callbacks)
+        self._parser = PushMultipartParser(boundary, header_charset="latin-1")  # in which all bytes are some text
         self._names: list[str] = []
-        self._name, self._text, self._empty, self._closed = "", bytearray(), True, False
-        self._is_file, self._files, self._strange, self._dropped = False, 0, 0, 0
+        self._text, self._empty, self._is_file = bytearray(), True, False
+        self._files, self._strange, self._dropped = 0, 0, 0
         self._fault: HttpProblem | AvatarError | None = None
 
     def write(self, data: bytes) -> None:
         """As :meth:`UploadBody.write`."""
         self._empty = self._empty and not data
         try:
-            self._parser.write(data)
-        except MultipartParseError as error:
+            for event in self._parser.parse(data) if data else ():
+                if isinstance(event, MultipartSegment):
+                    self._begin(event)
+                elif event:
+                    self._data(event)
+                else:
+                    self._end()
+        except MultipartError as error:
             raise HttpProblem("malformed-multipart", 400) from error
 
     def finish(self) -> None:
         """As :meth:`UploadBody.finish`."""
         if self._empty:
             raise HttpProblem("missing-file", 400)
-        if not self._closed:
-            raise HttpProblem("malformed-multipart", 400, "the body ends before its closing boundary")
+        try:
+            self._parser.close()
+        except MultipartError as error:
+            words = "the body ends before its closing boundary"
+            raise HttpProblem("malformed-multipart", 400, words) from error
         if self._fault is not None:
             raise self._fault
         if not set(FILES) & set(self._names):
@@ -213,31 +209,15 @@ class Multipart(UploadBody):
         self._write(index_of(self.upload.sizes))
         self.upload.sha256 = self._hash.hexdigest()
 
-    def _begin(self) -> None:
+    def _begin(self, part: MultipartSegment) -> None:
         if len(self._names) - max(self._names.count("image") - 1, 0) >= MAX_PARTS:
             raise HttpProblem("too-many-parts", 400)
-        self._disposition = b""
-        self._text.clear()
-
-    def _grow(self, buffer: bytearray, data: bytes) -> None:
-        buffer += data
-        if len(buffer) > _MAX_HEADER:
-            raise HttpProblem("part-too-large", 400, f"a header of a part has more than {_MAX_HEADER} bytes")
-
-    def _header_end(self) -> None:
-        if bytes(self._key).lower() == b"content-disposition":
-            self._disposition = bytes(self._content)
-        self._key.clear()
-        self._content.clear()
-
-    def _headers_end(self) -> None:
         # The name of the file is never looked at, only whether there is one: names are made by this server.
-        words = parse_options_header(self._disposition)[1]
-        if not words.get(b"name"):
+        name = part.name.encode("latin-1").decode("utf-8", "replace")
+        if not name:
             raise HttpProblem("malformed-multipart", 400, "a part has no name in its Content-Disposition")
-        self._name = name = words[b"name"].decode("utf-8", "replace")
         known = name in FILES or name in PARTS
-        self._is_file = name in FILES or (not known and b"filename" in words)
+        self._is_file = name in FILES or (not known and part.filename is not None)
         self._strange += self._is_file and not known
         self._files += self._is_file
         if self._files > MOST or (self._strange and self._files > 1):
@@ -252,32 +232,30 @@ class Multipart(UploadBody):
         if not known:
             self._later(HttpProblem("unknown-field", 422, f"there is no part {name[:40]!r}", pointer=f"/{name[:40]}"))
         self._names.append(name)
+        self._text.clear()
 
     def _later(self, fault: HttpProblem | AvatarError) -> None:
         """Keep the first fault of a value for the end: one of the form, which the rest may show, comes before it."""
         self._fault = self._fault or fault
 
-    def _data(self, data: bytes, start: int, end: int) -> None:
-        if self._name in FILES:
-            self._photo(data[start:end])
+    def _data(self, data: bytes) -> None:
+        if self._names[-1] in FILES:
+            self._photo(data)
         elif self._is_file:  # under a name that there is not
-            self._dropped += end - start
+            self._dropped += len(data)
             if self._dropped > self.upload.max_bytes:
                 raise self.upload.too_large()
         else:
-            self._text += data[start:end]
+            self._text += data
             if len(self._text) > MAX_BYTES:
                 raise HttpProblem("part-too-large", 400)
 
     def _end(self) -> None:
-        if self._name in PARTS:
+        if self._names[-1] in PARTS:
             try:
-                self.upload.set(self._name, bytes(self._text))
+                self.upload.set(self._names[-1], bytes(self._text))
             except (HttpProblem, AvatarError) as fault:
                 self._later(fault)
-
-    def _close(self) -> None:
-        self._closed = True
 
 
 @contextlib.asynccontextmanager
