@@ -54,7 +54,7 @@ ROWS = (3, 14)
 """Fewest and most quads of a ribbon; waves and curls are in its texture."""
 TINTS = 8
 """Places along a strand at which it has its colours."""
-SPREAD = 2.5
+SPREAD = 2.1
 """Half a ribbon's width over the standard deviation of its strands' offsets: 1.73 would be the width of evenly spread
 strands; the rest is overlap with the neighbours."""
 PRIOR = 2.0
@@ -67,7 +67,7 @@ LONGER = 0.05
 """Share of its length by which a ribbon reaches beyond its mean tip, for the strands that are longer."""
 ROLL = 0.1
 """How much ribbons of one place are turned against each other: enough to break up a sheet."""
-INNER_M = 0.0007
+INNER_M = 0.0018
 """Distance of the inner ribbons below those that they back."""
 EDGE_SHARE = 0.42
 """Distance to the middle of a root's nearest roots, over their mean distance, from which on it is on the hairline."""
