@@ -23,7 +23,7 @@ from service.image_filters import by_strips, shrunk, stretched_to
 from service.manifest import Integration
 from service.reflectance.planes import read_window
 from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
-from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, divergence, solve
+from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, cliff_part, divergence, solve
 from service.reflectance.translate import MOST_ACROSS, STEEPEST_Z
 
 COARSEST_MM = 6.0
@@ -85,6 +85,7 @@ def displacement(
     *,
     tolerance: float = TOLERANCE,
     most_steps: int = MOST_STEPS,
+    keep_cliffs: bool = False,
 ) -> tuple[Float32, Integration]:
     """Heights (H, W) float32 in mm, positive outwards, of relief finer than ``COARSEST_MM``, within +-``MOST_MM``.
 
@@ -94,20 +95,29 @@ def displacement(
         mask: (H, W) bool, texels of the surface; heights elsewhere are 0.
         tolerance: relative residual at which the solver stops.
         most_steps: of the solver.
+        keep_cliffs: whether equations across cliffs may be given up, see ``service.reflectance.relief.integration``.
     """
     right, down, usable = _differences(normals, steps, mask)
     texels = int(mask.sum())
     ignored = 1 - int(usable.sum()) / texels if texels else 0.0
     sources = divergence(right, down, usable)
-    del right, down  # 100 MB each for a map of 6144 x 4096
+    if not keep_cliffs:
+        right = down = sources  # frees the slopes: 100 MB each for a map of 6144 x 4096
     solved = solve(sources, usable, tolerance=tolerance, most_steps=most_steps)
     del sources
-    height = solved.height
+    height, cut = solved.height, None
+    if keep_cliffs:
+        texel_mm = steps.texel_mm() * np.float32(steps.width / mask.shape[1])
+        difference, cut = cliff_part(right, down, usable, texel_mm)
+        height += difference
+        del difference
+    del right, down
     height -= coarse_part(height, usable, steps)
     _fill_holes(height, usable, mask)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
     height *= mask
-    return height, Integration(solved.steps, round(solved.residual, 9), round(ignored, 9))
+    facts = round(solved.residual, 9), round(ignored, 9), None if cut is None else round(cut, 9)
+    return height, Integration(solved.steps, *facts)
 
 
 def slopes(normals: Float32) -> tuple[Float32, Float32, Bool]:
