@@ -33,6 +33,8 @@ NEAR, SURROUNDINGS = 3.0, 5.0
 shading in the pictures, which differs from light to light."""
 ANGLES_DEG, BEST_DEG = (8.0, 65.0), 35.0
 """Angles between two views that are compared, and the best: near ones tell no depth, far ones see other skin."""
+PROFILE_DEG = 80.0
+"""Yaw from which on a photo is not compared: the head is placed too badly there, and pulls the rest astray."""
 LEAST_NCC, FULL_NCC = 0.45, 0.8
 """Correlation of the surroundings up to which a spot does not count, and from which on it counts fully."""
 GATE = 3.0
@@ -110,12 +112,13 @@ class Picture:
 
 def pairs(states: Sequence[State]) -> list[tuple[int, int]]:
     """Photos to compare: each with the few others whose direction of view differs by about ``BEST_DEG``."""
+    squarely = [index for index, state in enumerate(states) if abs(state.yaw_deg) < PROFILE_DEG]
     towards = [-(state.rotation.T @ (state.translation / np.linalg.norm(state.translation))) for state in states]
     found: set[tuple[int, int]] = set()
-    for one in range(len(states)):
+    for one in squarely:
         apart = [
             (abs(angle - BEST_DEG), other)
-            for other in range(len(states))
+            for other in squarely
             if other != one
             and ANGLES_DEG[0] < (angle := float(np.degrees(np.arccos(np.clip(towards[one] @ towards[other], -1, 1)))))
             and angle < ANGLES_DEG[1]

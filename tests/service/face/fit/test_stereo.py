@@ -8,7 +8,7 @@ import pytest
 from service.arrays import Float64, UInt8
 from service.face.fit.landmark_fit import LandmarkModel
 from service.face.fit.solver import POSE, State, System, project_points
-from service.face.fit.stereo import Picture, stereo_terms, tracks
+from service.face.fit.stereo import Picture, pairs, stereo_terms, tracks
 from service.geometry.camera import exp_rotation
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
@@ -92,6 +92,13 @@ def test_spots_pull_a_wrong_head_towards_the_right_one(head: HeadModel) -> None:
     right, wrong, pulled = (depth_of(head, shown) for shown in (truth, average, average + step))
     off = [float(np.nanmean(np.abs(one - right))) for one in (wrong, pulled)]
     assert off[1] < 0.8 * off[0], off
+
+
+def test_profiles_are_compared_with_no_photo_and_views_with_those_beside_them(head: HeadModel) -> None:
+    """A head is placed some degrees off in a profile; compared with the rest, it would pull their shape along."""
+    states = [state_of(head, yaw, coefficients_of(head, 1)) for yaw in (0.0, 3.0, 35.0, 60.0, 90.0)]
+    assert pairs(states) == [(0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
+    assert pairs(states[-1:]) == pairs([]) == []
 
 
 @pytest.mark.parametrize("light", [0.0, 128.0])
