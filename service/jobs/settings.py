@@ -21,10 +21,9 @@ _Flag = Annotated[bool, Right("true or false")]
 _Count = Annotated[int, Ge(0), Right("a whole number, at least 0")]
 _Several = Annotated[int, Ge(1), Right("a whole number, at least 1")]
 _Time = Annotated[float, Gt(0), Right("a number above 0")]
-_Name = Annotated[str, StringConstraints(pattern=r"^[\w.-]+$"), Right("of letters, digits, '-', '_' and '.'")]
-_Database = Annotated[
-    str, StringConstraints(pattern=r"^(postgresql.*|sqlite:///.*)?$"),
-    Right("a postgresql:// address, or empty for SQLite"),
+_Name = Annotated[
+    str, StringConstraints(pattern=r"^[\w.-]*[^\W_][\w.-]*$"),
+    Right("of letters, digits, '-', '_' and '.', with one letter or digit at least"),
 ]  # fmt: skip
 
 
@@ -83,7 +82,7 @@ class Settings(Checked):
     """
 
     data: Path = Path("avatarme-data")
-    database: _Database = ""
+    database: str = ""
     artifacts: str = ""
     signed_downloads: _Flag = False
     worker: _Name = "solo"
@@ -126,6 +125,9 @@ class Settings(Checked):
     batch_program: str = "service.jobs.avatar_process"
 
     def __post_init__(self) -> None:
+        # Said without the value, in which a password may be.
+        if self.database and not self.database.startswith(("postgresql", "sqlite:///")):
+            raise UsageError("database has to be a postgresql:// address, or empty for SQLite", field="database")
         if self.first_key and not self.keys:
             raise UsageError("first_key is on and keys names no file that the key could be in", field="keys")
         if self.webhook_hosts and not Path(self.webhook_secret or "/dev/null").is_file():

@@ -26,9 +26,16 @@ def test_settings_reach_another_process_unchanged() -> None:
         ({"AVATARME_JOBS": "0"}, "AVATARME_JOBS is '0'; it has to be a whole number, at least 1"),
         ({"AVATARME_JOB_SECONDS": "nan"}, "AVATARME_JOB_SECONDS is 'nan'"),
         ({"AVATARME_WORKER": "a b"}, "AVATARME_WORKER is 'a b'"),
+        ({"AVATARME_WORKER": ".."}, "AVATARME_WORKER is '..'"),
         ({"AVATARME_DATABASE": "mysql://x"}, "postgresql"),
     ],
 )
 def test_a_wrong_setting_is_named(environment: dict[str, str], words: str) -> None:
     with pytest.raises(UsageError, match=words):
         from_environment({}, environment)
+
+
+def test_the_password_of_a_database_is_in_no_message() -> None:
+    with pytest.raises(UsageError, match="AVATARME_DATABASE has to be") as refused:
+        from_environment({}, {"AVATARME_DATABASE": "postgres://me:secret@host/x"})
+    assert "secret" not in refused.value.message
