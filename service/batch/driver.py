@@ -207,8 +207,9 @@ class BatchEngine:
         begin, photos = time.monotonic(), sum(counts)
         try:
             lasting(lambda: self._rounds.put(self._queue, name, out.address, counts))
-            for number in range(len(counts)):
-                self._waiting.put((out.address, name, number))
+            if self._maker is not None:
+                for number in range(len(counts)):
+                    self._waiting.put((out.address, name, number))
             while True:
                 done, failed, unfinished = lasting(lambda: self._rounds.tally(name))
                 display(done, failed, photos, time.monotonic() - begin)
