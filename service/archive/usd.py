@@ -19,7 +19,7 @@ import numpy as np
 from service.archive.maps import MapFiles
 from service.archive.surfaces import JOINTS, PARENTS, Skeleton
 from service.archive.usd_materials import material_text
-from service.archive.usd_text import Prim, fixed_tuples, integers, numbers, read_prims, tokens
+from service.archive.usd_text import Prim, fixed_tuples, numbers, read_prims, tokens
 from service.arrays import Float32, Float64, Int64
 from service.hair.groom import Groom
 from service.hair.guides import resampled
@@ -101,7 +101,7 @@ def _skeleton(joints: Skeleton, names: Sequence[str], values: Sequence[float]) -
     steps = zip(joints.positions, parents, strict=True)
     animation: dict[str, str | None] = {
         "uniform token[] blendShapes": f"[{tokens(names)}]",
-        "float[] blendShapeWeights": f"[{numbers(np.array(values), 6)}]",
+        "float[] blendShapeWeights": f"[{numbers(np.round(values, 6))}]",
     }
     made: dict[str, str | None] = {
         "uniform token[] joints": f"[{tokens(joint_paths())}]",
@@ -145,13 +145,13 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
         "uniform bool doubleSided": "true" if part.material.double_sided else "false",
         "uniform token subdivisionScheme": '"none"',
         "float3[] extent": f"[{fixed_tuples([both.min(0), both.max(0)], 6)}]",
-        "int[] faceVertexCounts": f"[{integers(present.sum(1))}]",
-        "int[] faceVertexIndices": f"[{integers(polygons[present])}]",
+        "int[] faceVertexCounts": f"[{numbers(present.sum(1))}]",
+        "int[] faceVertexIndices": f"[{numbers(polygons[present])}]",
         "point3f[] points": f"[{fixed_tuples(part.neutral, 5 if is_cards(part) else 6)}]",
         "normal3f[] normals": f"[{fixed_tuples(still, 2)}]",
         **chart,
-        "int[] primvars:skel:jointIndices": f"[{integers(indices)}]",
-        "float[] primvars:skel:jointWeights": f"[{numbers(influences, 7)}]",
+        "int[] primvars:skel:jointIndices": f"[{numbers(indices)}]",
+        "float[] primvars:skel:jointWeights": f"[{numbers(influences)}]",
         "uniform token[] skel:blendShapes": f"[{tokens(list(shapes))}]",
         "rel skel:blendShapeTargets": f"[{paths}]",
         "rel skel:skeleton": "</Head/Skeleton>",
@@ -186,7 +186,7 @@ def _chart(part: MeshPart) -> tuple[dict[str, str | None], str]:
     used, index = np.unique(places[places >= 0], return_inverse=True)
     return {
         "texCoord2f[] primvars:st": f"[{fixed_tuples(part.uv[used], 5)}]",
-        "int[] primvars:st:indices": f"[{integers(index)}]",
+        "int[] primvars:st:indices": f"[{numbers(index)}]",
     }, 'interpolation = "faceVarying"'
 
 
@@ -196,7 +196,7 @@ def _shape(name: str, offsets: Float32, turned: Float32) -> Prim:
     if np.abs(turned[moved]).max(initial=0.0) > SMALLEST_TURN:
         steps = np.rint(turned[moved] / TURN_STEP) * TURN_STEP
         values["uniform vector3f[] normalOffsets"] = f"[{fixed_tuples(steps, 2)}]"
-    return Prim("BlendShape", name, values | {"uniform int[] pointIndices": f"[{integers(moved)}]"})
+    return Prim("BlendShape", name, values | {"uniform int[] pointIndices": f"[{numbers(moved)}]"})
 
 
 MOST_POINTS = 48
@@ -224,9 +224,9 @@ def curves_bytes(groom: Groom, title: str) -> bytes:
         "uniform token type": '"linear"',
         "uniform token wrap": '"nonperiodic"',
         "float3[] extent": f"[{fixed_tuples([points.min(0) - half, points.max(0) + half], 6)}]",
-        "int[] curveVertexCounts": f"[{integers(np.full(len(groom), count))}]",
+        "int[] curveVertexCounts": f"[{numbers(np.full(len(groom), count))}]",
         "point3f[] points": f"[{fixed_tuples(points, 5)}]",
-        "float[] widths": f"[{','.join([numbers(width, 2)] * len(groom))}]",
+        "float[] widths": f"[{','.join([numbers(np.round(width, 6))] * len(groom))}]",
         "color3f[] primvars:displayColor": f"[{fixed_tuples(colour, 3)}]",
     }
     facts = {"float[] widths": (_VERTEX,), "color3f[] primvars:displayColor": (_VERTEX,)}

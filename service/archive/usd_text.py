@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
+import orjson
 
 from service.arrays import AnyFloat, AnyInt
+from service.errors import NumericFault
 
 
 @dataclass(frozen=True)
@@ -127,36 +128,23 @@ def _assigned(value: Value, parent: str) -> str:
 
 
 def fixed_tuples(rows: AnyFloat | Sequence[AnyFloat], decimals: int) -> str:
-    """Rows (N, C), rounded to so many decimals, as "(a,b),(c,d)" in as few characters as the values allow."""
-    values = np.asarray(rows, np.float64)
-    if not len(values):
-        return ""
-    codes, place = np.unique(np.rint(values * 10**decimals).astype(np.int64), return_inverse=True)
-    words = [_shortest(code, decimals) for code in codes.tolist()]
-    columns = [map(words.__getitem__, column.tolist()) for column in place.reshape(values.shape).T]
-    return f"({'),('.join(map(','.join, zip(*columns, strict=True)))})"
+    """Rows (N, C) of finite numbers, rounded to so many decimals, as "(a,b),(c,d)"."""
+    words = _json(np.round(np.asarray(rows, np.float64), decimals) + 0.0)
+    return words.replace("[", "(").replace("]", ")")
 
 
-@lru_cache(maxsize=1 << 17)
-def _shortest(code: int, decimals: int) -> str:
-    """Code * 10^-decimals: "0.125" or "125e-5", whichever is shorter.
+def numbers(values: AnyFloat | AnyInt) -> str:
+    """Numbers of any shape, flat, as "a,b" in the fewest digits that tell each from its neighbours."""
+    return _json(values.ravel())
 
-    Both are numbers of JSON, which three.js takes arrays of USD for; without its 0 the first would not be one.
+
+def _json(values: AnyFloat | AnyInt) -> str:
+    """An array as JSON without its brackets, which three.js takes arrays of USD for.
+
+    Raises:
+        NumericFault: a number is not finite, for which JSON has no word.
     """
-    if code == 0:
-        return "0"
-    sign, size = ("-", -code) if code < 0 else ("", code)
-    whole, part = divmod(size, 10**decimals)
-    plain, power = f"{whole}.{part:0{decimals}d}".rstrip("0").rstrip("."), f"{size}e-{decimals}"
-    return sign + (plain if len(plain) <= len(power) else power)
-
-
-def numbers(values: AnyFloat, digits: int) -> str:
-    """Numbers of any shape, flat, as "a,b" with so many significant digits."""
-    flat = np.asarray(values, np.float64).ravel() + 0.0
-    return ",".join([f"%.{digits}g"] * len(flat)) % tuple(flat.tolist())
-
-
-def integers(values: AnyInt) -> str:
-    """Integers of any shape, flat, as "a,b"."""
-    return ",".join(map(str, np.asarray(values).ravel().tolist()))
+    if not np.isfinite(values).all():
+        bad = np.count_nonzero(~np.isfinite(values))
+        raise NumericFault(f"{bad} of {values.size} numbers of a mesh are NaN or Inf")
+    return orjson.dumps(np.ascontiguousarray(values), option=orjson.OPT_SERIALIZE_NUMPY)[1:-1].decode("ascii")

@@ -283,3 +283,6 @@ def test_usd_reads_the_strands(kind: str) -> None:
     colour = np.array(curves.GetDisplayColorAttr().Get()).reshape(*points.shape[:2], 3)
     assert np.allclose(colour, groom.colour.linear(points.shape[1]), atol=1e-3)
     assert curves.GetWidthsInterpolation() == UsdGeom.Tokens.vertex
+    groom.strands[0, 0, 0] = np.nan  # JSON writes it as null, which no reader of USD takes
+    with pytest.raises(NumericFault):
+        curves_bytes(groom, "hair")
