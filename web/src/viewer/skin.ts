@@ -53,6 +53,8 @@ export class Skin extends MeshPhysicalMaterial {
       opacity: from.opacity,
       side: from.side,
       depthWrite: !from.transparent,
+      // The loader's: +Y as it is on a mesh with tangents, turned over where three.js makes them from v, which grows down.
+      normalScale: from.normalScale,
     });
     this.userData.colour = from.color.clone();
   }
@@ -63,7 +65,6 @@ export class Skin extends MeshPhysicalMaterial {
     this.specularColorMap = surface.specular;
     this.normalMap = surface.normal;
     this.normalMapType = surface.objectSpace ? ObjectSpaceNormalMap : TangentSpaceNormalMap;
-    this.normalScale.set(1, -1); // +Y maps, while v grows downwards and three.js makes tangents from it
     this.shared.normalCoding.value.copy(surface.normalCoding);
     this.shared.diffuseNormalMap.value = surface.diffuseNormal;
     this.needsUpdate = true;
