@@ -109,7 +109,9 @@ def tried(styles: Sequence[Style], sight: Sight, skin: Scalp, seed: int, read: H
         if len(guides):
             drawn = sight.drawn(guides)
             own = kinds_of(style, guides)
-            chances = [read.kinds[name].get(own[name], 0.0) for name in ("length", "gathered")]
+            ways, way = read.kinds["gathered"], own["gathered"]
+            alike = sum(p for name, p in ways.items() if _SAME.get(name, name) == _SAME.get(way, way))
+            chances = [read.kinds["length"].get(own["length"], 0.0), 0.5 * (ways.get(way, 0.0) + alike)]
             doubt = -float(np.log(np.maximum(chances, UNLIKELY)).sum())
             loss = 1 - overlap(sight.hair, drawn.mask, sight.known) + ANGLE * across(drawn, sight) + KIND * doubt
         found.append(Tried(style, loss))

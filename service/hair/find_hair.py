@@ -88,6 +88,7 @@ def see_hair(
     if read is None:
         return SeenHair(skin)
     sight = Sight.of(read, fit, head)
+    read = sight.hanging(read)
     if asked.named:
         return SeenHair(skin, read, sight)
     matches = match(read_bank(), sight, fit, head, read)

@@ -20,6 +20,7 @@ from service.hair.scalp import CENTRE, CROWN, Scalp, unit
 from service.hair.sight import Sight
 from service.hair.style import Style
 from service.image_filters import blurred
+from service.robust import smoothstep
 
 FOLLOWS = 0.85
 """How far strands follow a direction that the photo shows for sure."""
@@ -59,6 +60,8 @@ FARTHEST_M = (0.03, 0.045)
 """How far the outline is moved at most, inwards and outwards."""
 INWARDS = 0.7
 """Share of its distance from the skin by which a strand comes nearer at most."""
+STANDS = 0.3
+"""Share of its length by which a strand is moved outwards at most."""
 SIDEWAYS_DEG = (140.0, 165.0)
 """Angle from upwards up to which outlines are matched, and from which on not at all: below lies the neck."""
 
@@ -83,13 +86,16 @@ def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
     height = np.maximum(skin.outside(strands), 0)
     loose = np.clip(height / 0.006, 0, 1)
     # A head that was fitted larger than the photo's would swallow its hair.
-    own = np.maximum(own, -INWARDS * height * scale)
+    # What stands farther off the head than it is long would be a spike.
+    gone = np.linspace(0, 1, strands.shape[1]) * np.linalg.norm(np.diff(strands, axis=1), axis=2).sum(1)[:, None]
+    own = np.clip(own, -INWARDS * height * scale, STANDS * gone * scale)
     direction = away / np.maximum(length, 1e-6)[..., None]
     flat = np.einsum("npk,ck->npc", direction * (own * share * loose)[..., None], np.linalg.inv(cells_per_m))
     # What a photo from the front does not tell, the back of the head, is as full as the sides.
     top = np.abs(np.mod(np.arange(RAYS) * (360 / RAYS) + 180, 360) - 180) < TOP_DEG
     deep = depth - sight.project(CENTRE)[1]
-    behind = np.clip(deep / 0.1, 0, 1) ** 2 * loose * (strands[..., 1] > -0.035) * float(difference[top].mean()) / scale
+    low = smoothstep(strands[..., 1], -0.11, 0.02)
+    behind = np.clip(deep / 0.1, 0, 1) ** 2 * loose * low * float(difference[top].mean()) / scale
     offset = np.einsum("npk,kc->npc", np.concatenate([flat, behind[..., None]], -1), sight.camera.rotation)
     return np.asarray(strands + offset, np.float32)
 
@@ -183,6 +189,8 @@ HANGS_BELOW_M = -0.04
 """Height below which hair hangs: what is hidden there ends where that beside it does."""
 NAPE_LEFT_M = 0.012
 """How far below its root such a strand may hang all the same."""
+LOWEST_M = -0.24
+"""Height, on the chest, at which hair ends that the picture cuts off."""
 STEP_M = 0.012
 GONE = 0.15
 """Share of a row of hanging hair that the photo shows, below which the row is beyond its ends."""
@@ -206,12 +214,11 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     bare, _ = sight.read(blurred(sight.bare, 0.7), strands)
     on_head, _ = sight.read(np.asarray(np.isfinite(sight.behind), np.float32), strands)
     beyond = (bare > BARE) & ((on_head > 0) | (skin.outside(strands) > NEAR_SKIN_M))
-    ends = _ends(strands, sight)
-    if ends is not None:
-        # What grows on a nape that is not seen is no stub.
-        height, (_, shown) = ends + rng.normal(0, 0.006, len(strands)), sight.visible(*sight.project(strands[:, 0]))
-        height = np.where(shown, height, np.minimum(height, strands[:, 0, 1] - NAPE_LEFT_M))
-        beyond |= (strands[..., 1] < height[:, None]) & (strands[..., 1] < HANGS_BELOW_M)
+    # What grows on a nape that is not seen is no stub.
+    height = _ends(strands, sight) + rng.normal(0, 0.006, len(strands))
+    _, shown = sight.visible(*sight.project(strands[:, 0]))
+    height = np.where(shown, height, np.minimum(height, strands[:, 0, 1] - NAPE_LEFT_M))
+    beyond |= (strands[..., 1] < height[:, None]) & (strands[..., 1] < HANGS_BELOW_M)
     cut = beyond.any(1)
     first = np.where(cut, beyond.argmax(1), points - 1)
     share = first / (points - 1)
@@ -247,22 +254,18 @@ def like_neighbours(strands: Float32, cut: Float32, kept: Bool, sight: Sight) ->
     return made
 
 
-def _ends(strands: Float32, sight: Sight) -> float | None:
-    """Height at which the photo's hanging hair ends; None where it does not tell."""
+def _ends(strands: Float32, sight: Sight) -> float:
+    """Height at which the photo's hanging hair ends; on the chest where it does not tell."""
     hanging = strands[strands[..., 1] < HANGS_BELOW_M]
-    if not len(hanging):
-        return None
     cell, seen = sight.visible(*sight.project(hanging))
     tells = seen & (sight.known[cell] > 0.5)
     step = np.floor((HANGS_BELOW_M - hanging[tells, 1]) / STEP_M).astype(int)
-    if not len(step):
-        return None
     count = np.bincount(step)
     shown = np.bincount(step, np.minimum(2 * blurred(sight.hair, 0.7)[cell][tells], 1))
     share = np.where(count >= 30, shown / np.maximum(count, 1), np.nan)
     told = np.flatnonzero(~np.isnan(share))
     gone = [k for k in told if (share[told[told >= k]] < GONE).all()]
-    return float(HANGS_BELOW_M - STEP_M * gone[0]) if gone else None
+    return float(HANGS_BELOW_M - STEP_M * gone[0]) if gone else LOWEST_M
 
 
 FILLINGS = 2

@@ -11,6 +11,8 @@ from service.face.fit.fit import Fit
 from service.face.region import Region
 from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.raster import rasterise
+from service.hair.guides import NAPE_M
+from service.hair.kinds import LENGTH_ENDS_M, LENGTHS
 from service.hair.reading import CELLS, HairReading
 from service.hair.scalp import Roots
 from service.head.model import HeadModel
@@ -26,6 +28,11 @@ EDGE_CELLS = 2.0
 """Cells from the edge of the photo that tell nothing."""
 SOFT_CELLS = 0.8
 """Standard deviation of the blur that closes the gaps between the few strands that are drawn."""
+
+HANGS_M, HANGS_WIDE_M = 0.01, 0.015
+"""Step of heights at which hair is looked for that hangs below the nape, and the least width of it."""
+SHORTER_M, SHORTER = 0.03, 0.02
+"""How far above what is seen to hang the ends of a length may lie before it gets no more likely than the second."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +119,25 @@ class Sight:
         across, down, depth = (row[0] * x + row[1] * y + row[2] * z + row[3] for row in rows)
         near = np.maximum(depth, np.float32(NEAREST_M))
         return np.stack([across / near, down / near], -1), np.asarray(depth, np.float32)
+
+    def hanging(self, reading: HairReading) -> HairReading:
+        """The reading with lengths unlikely, and ends no higher, than what its own mask shows to hang below the nape.
+
+        The network tells lengths by the whole picture, and knows drawn people only; its mask is right more often.
+        """
+        y, x = np.mgrid[NAPE_M[0] - HANGS_M : -0.4 : -HANGS_M, -0.16:0.16:0.005]
+        at, _ = self.project(np.stack([x, y, np.full_like(x, -0.05)], -1))
+        column, row = np.moveaxis(np.clip(at, 0, CELLS - 1).astype(int), -1, 0)
+        hair = (self.hair[row, column] > 0.5) & ((at >= 0) & (at < CELLS)).all(-1)
+        rows = int(np.append(hair.sum(1) * 0.005 >= HANGS_WIDE_M, False).argmin())
+        if rows == 0:
+            return reading
+        lowest, (ends, doubt) = float(y[rows - 1, 0]), reading.ends_m
+        above = np.array([0.0, *LENGTH_ENDS_M, -1.0]) - lowest
+        chance = np.array([reading.kinds["length"][name] for name in LENGTHS])
+        chance *= np.clip(1 - above / SHORTER_M, SHORTER, 1)
+        told = dict(zip(LENGTHS, (chance / chance.sum()).tolist(), strict=True))
+        return replace(reading, kinds={**reading.kinds, "length": told}, ends_m=(min(ends, lowest), doubt))
 
     def faces(self, roots: Roots) -> Float32:
         """(N,) metres from the tangent planes of roots to the camera: above 0 where the skin faces it."""

@@ -17,11 +17,13 @@ from service.hair.bank import kind_of, match, mirrored, read_bank
 from service.hair.choose import candidates
 from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
 from service.hair.find_hair import grow_hair, see_hair
+from service.hair.kinds import LENGTHS
 from service.hair.paint import painted
 from service.hair.reading import CELLS
 from service.hair.scalp import Scalp
 from service.hair.shape import filled, fitted, seen_share, seen_thinning, trimmed
 from service.hair.sight import Sight, overlap
+from service.hair.style import LENGTHS as LENGTH_NAMES
 from service.hair.style import NAMED, style_to_json
 from service.hair.wear import hair_cards
 from service.hair.worn_hair import WornHair
@@ -269,3 +271,24 @@ def test_hair_that_is_not_seen_is_guessed_and_says_so() -> None:
     same = find_hair(HEAD, AskedHair(), 300)
     assert same.groom is not None
     np.testing.assert_array_equal(found.groom.strands, same.groom.strands)
+
+
+def test_hair_that_is_seen_to_hang_is_not_called_short() -> None:
+    """The network takes a bob for a crop; background beside the neck would say nothing against it."""
+    sure = dict.fromkeys(LENGTHS, 0.02) | {"short": 0.9}
+    for kind, told in (("long_wavy", False), ("crop", True)):
+        seen = photographed(NAMED[kind], 5, HEAD)
+        doubted = dataclasses.replace(seen.reading, kinds={**seen.reading.kinds, "length": sure}, ends_m=(-0.03, 0.01))
+        read = seen.sight.hanging(doubted)
+        assert (read.likeliest("length")[0] == "short") is told
+        assert (read.ends_m[0] == -0.03) is told
+        assert sum(read.kinds["length"].values()) == pytest.approx(1.0)
+
+
+def test_hair_that_the_picture_cuts_off_ends_on_the_chest() -> None:
+    """Nothing told where it ends: it hung far below the bust, and pictures and page showed a small head."""
+    seen = photographed(NAMED["long_wavy"], 5, HEAD)
+    dark = dataclasses.replace(seen.sight, known=seen.sight.known * (np.arange(CELLS) < 70)[:, None])
+    long = NAMED["long_wavy"].scaled(1.6, *LENGTH_NAMES)
+    groom, _ = fitted(dataclasses.replace(long, cut_y=None), dark, SKIN, 0, 600)
+    assert -0.30 < groom.strands[..., 1].min() < -0.15

@@ -109,7 +109,11 @@ export class HeadScene {
     this.photoExpression = head.expression;
     this.express(head.expression);
     this.scene.updateMatrixWorld(true);
-    this.frameHead(new Box3().setFromObject(head.group));
+    const box = new Box3();
+    const hair = new Box3();
+    for (const { mesh } of this.parts) (mesh.name.startsWith("hair") ? hair : box).expandByObject(mesh);
+    hair.min.y = Math.max(hair.min.y, box.min.y); // hair that hangs lower does not make the head smaller
+    this.frameHead(box.union(hair));
     this.fit();
   }
 
