@@ -53,7 +53,7 @@ class Kind:
 
 AVATAR = Kind(
     name="avatar", place="avatars", artifact="archive", file="archive.zip", program="program", seconds="job_seconds",
-    at_a_time="jobs", derived=False,
+    at_a_time="jobs", derived=False, looks=0.25,
 )  # fmt: skip
 
 RENDER = Kind(
