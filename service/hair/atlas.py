@@ -296,5 +296,5 @@ def _paint_cap(pixels: UInt8, cells: Cells, colour: Float32, rng: np.random.Gene
     grain = (grain - grain.mean()) / max(float(grain.std()), 1e-6)
     # Where hair is full nothing shows between roots: all of it reads one row of the cell.
     alpha = np.clip(0.96 * share + 0.5 * grain * share * (1 - share), 0, 1)
-    pixels[top:bottom, left:right, :3] = np.rint(255 * np.clip(0.8 * colour, 0, 1)).astype(np.uint8)
+    pixels[top:bottom, left:right, :3] = np.rint(255 * np.clip(0.95 * colour, 0, 1)).astype(np.uint8)
     pixels[top:bottom, left:right, 3] = np.rint(255 * alpha).astype(np.uint8)

@@ -187,6 +187,10 @@ class Ribbons:
         line = _means(label, own, len(number))
         step = line[:, -1] - line[:, -2]
         line[:, -1] += step * LONGER * rows
+        # Half of a bundle's roots lie before their middle: without this, bare scalp shows along partings.
+        first = unit(line[:, 1] - line[:, 0])
+        before = ((own[:, 0] - line[label, 0]) * first[label]).sum(1, keepdims=True)
+        line[:, 0] -= first * np.sqrt(_means(label, before**2, len(number)))
         across = facing(line, body.outwards(line), rng)
         offset = ((own - line[label]) * across[label]).sum(2)
         squares = _means(label, offset[..., None] ** 2, len(number))[..., 0]

@@ -109,9 +109,9 @@ def tried(styles: Sequence[Style], sight: Sight, skin: Scalp, seed: int, read: H
         if len(guides):
             drawn = sight.drawn(guides)
             own = kinds_of(style, guides)
-            ways, way = read.kinds["gathered"], own["gathered"]
-            alike = sum(p for name, p in ways.items() if _SAME.get(name, name) == _SAME.get(way, way))
-            chances = [read.kinds["length"].get(own["length"], 0.0), 0.5 * (ways.get(way, 0.0) + alike)]
+            # From the front, hair of which a part is pinned back hardly differs from loose hair, which is usual.
+            ways = read.kinds["gathered"] | {"none": read.kinds["gathered"]["none"] + read.kinds["gathered"]["half"]}
+            chances = [read.kinds["length"].get(own["length"], 0.0), ways.get(own["gathered"], 0.0)]
             doubt = -float(np.log(np.maximum(chances, UNLIKELY)).sum())
             loss = 1 - overlap(sight.hair, drawn.mask, sight.known) + ANGLE * across(drawn, sight) + KIND * doubt
         found.append(Tried(style, loss))

@@ -33,6 +33,8 @@ MOST_STEEP = 0.8
 """Most by which the logarithm of a channel may rise beside that of luminance: more is two materials."""
 OWN = 0.7
 """Share of a seen strand's own departure from the mean that it keeps: the rest is its neighbours' and noise."""
+CONTRAST = 0.9
+"""Least spread of brightness over strands, over that of the photo's pixels: means along strands are more alike."""
 USUAL_SPREAD = 0.16
 """Standard deviation of the logarithm of luminance from strand to strand, where none are seen."""
 DARKEST, BRIGHTEST = 0.006, 0.75
@@ -72,7 +74,9 @@ def painted(photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, 
     flat = np.asarray(np.clip(bright - LIGHT_TAKEN * light, low, high), np.float32)
     offset, slope = _hue(np.log(np.maximum(pixels[inner], 1e-4)), bright[inner])
     level = _levels(strands, seen, sight, flat, weight, float(flat[inner].mean()), rng)
-    level += float(np.median(bright[inner]) - np.median(level))
+    level -= np.median(level)
+    level *= np.clip(CONTRAST * float(flat[inner].std()) / max(float(level.std()), 1e-3), 1, 2)
+    level = np.clip(level + float(np.median(bright[inner])), low, high)
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
     return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))))
 

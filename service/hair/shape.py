@@ -274,9 +274,8 @@ UNCOVERED, PER_CELL = 0.4, 14
 """Share of a cell of the photo's hair below which it is uncovered, and strands that it then gets, of 10,000."""
 BENT = 2500
 """Most strands out of which the nearest is taken."""
-FARTHEST_CELLS, ABOVE_CELLS = 14.0, 4.0
-"""Most by which a strand is bent to reach an uncovered cell: 55 mm where it lies on the head or hangs, and 16 mm where
-it would stand up from the head."""
+FARTHEST_CELLS = 14.0
+"""Most by which a strand is bent to reach an uncovered cell: 55 mm."""
 STRETCHED = 1.5
 """Most that a strand is stretched to reach it."""
 STEEP_M = 0.015
@@ -313,8 +312,8 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     column, row = cells.astype(int).T
     # What would stand up alone is no hair that the photo shows there; the outline is moved as a whole.
     at_root = strands[some[near // len(places)], 0]
-    stands = ~np.isfinite(sight.behind[row, column]) & (row < sight.project(at_root)[0][:, 1] + ABOVE_CELLS)
-    reached = apart < np.where(stands, ABOVE_CELLS, FARTHEST_CELLS)
+    stands = ~np.isfinite(sight.behind[row, column]) & (row < sight.project(at_root)[0][:, 1])
+    reached = (apart < FARTHEST_CELLS) & ~stands
     cells, near = cells[reached], near[reached]
     strand, place = some[near // len(places)], places[near % len(places)]
     deep = depth.reshape(-1)[near]
