@@ -110,7 +110,8 @@ def tried(styles: Sequence[Style], sight: Sight, skin: Scalp, seed: int, read: H
             drawn = sight.drawn(guides)
             own = kinds_of(style, guides)
             # From the front, hair of which a part is pinned back hardly differs from loose hair, which is usual.
-            ways = read.kinds["gathered"] | {"none": read.kinds["gathered"]["none"] + read.kinds["gathered"]["half"]}
+            ways = dict(read.kinds["gathered"])
+            ways["none"] = ways.get("none", 0.0) + ways.get("half", 0.0)
             chances = [read.kinds["length"].get(own["length"], 0.0), ways.get(own["gathered"], 0.0)]
             doubt = -float(np.log(np.maximum(chances, UNLIKELY)).sum())
             loss = 1 - overlap(sight.hair, drawn.mask, sight.known) + ANGLE * across(drawn, sight) + KIND * doubt

@@ -58,7 +58,7 @@ SMOOTH_RAYS = 1.6
 """Standard deviation, in rays, of the smoothing of their difference."""
 FARTHEST_M = (0.03, 0.045)
 """How far the outline is moved at most, inwards and outwards."""
-INWARDS = 0.7
+INWARDS = 0.8
 """Share of its distance from the skin by which a strand comes nearer at most."""
 STANDS = 0.3
 """Share of its length by which a strand is moved outwards at most."""
@@ -179,9 +179,9 @@ def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generato
     return groom.joined(roots.position[:, None] - groom.strands[like, :1] + groom.strands[like], roots.uv, like)
 
 
-BARE = 0.6
+BARE = 0.5
 """How surely the photo has to show no hair where a strand is cut."""
-NEAR_SKIN_M = 0.008
+NEAR_SKIN_M = 0.005
 """Distance from the skin within which background does not say that there is no hair."""
 LEAST_LEFT = 0.3
 """Share of a strand that cutting has to leave; else the whole strand goes."""
