@@ -374,13 +374,9 @@ def _mesh(writer: GltfWriter, piece: Piece, units: Sequence[str], materials: Glt
         primitive["attributes"]["TANGENT"] = writer.add_vertices(piece.tangents())
     mesh: Object = {"name": piece.part.name, "primitives": [primitive]}
     if units:
-        position, turned = piece.offsets(units)
         primitive["targets"] = [
-            {
-                "POSITION": writer.add_offsets(position[index], bounds=True),
-                "NORMAL": writer.add_offsets(turned[index]),
-            }
-            for index in range(len(units))
+            {"POSITION": writer.add_offsets(position, bounds=True), "NORMAL": writer.add_offsets(turned)}
+            for position, turned in piece.offsets(units)
         ]
         mesh["weights"] = [0.0] * len(units)
         mesh["extras"] = {"targetNames": list(units)}

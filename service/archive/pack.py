@@ -6,6 +6,7 @@ memory are left out unless ``timings`` requests them.
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -42,6 +43,8 @@ def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = Fa
         OutputFault: the file or the stream could not be written.
         NumericFault: a result holds NaN or infinity.
     """
+    gc.collect()
+    release()  # hundreds of MiB that the stages left in pieces
     members = archive_members(avatar, timings=timings)
     try:
         if isinstance(target, Path):

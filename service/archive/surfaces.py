@@ -6,7 +6,7 @@ Expressions are blendshapes; the joints are for what blendshapes cannot do, turn
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,18 +56,14 @@ class Piece:
         normal = part_normals(part, part.neutral, corners)
         return cls(part, vertex, part.uv[place], local.reshape(-1, 3), normal[vertex])
 
-    def offsets(self, units: Sequence[str]) -> tuple[Float32, Float32]:
-        """(E, N, 3) offsets of position and of normal of each unit, zero where they are negligible."""
+    def offsets(self, units: Sequence[str]) -> Iterator[tuple[Float32, Float32]]:
+        """(N, 3) offsets of position and of normal of each unit, zero where they are negligible."""
         part, corners = self.part, split_polygons(self.part.polygons)
-        position = np.zeros((len(units), len(part.neutral), 3), np.float32)
-        turned = np.zeros_like(position)
-        moving = [number for number, unit in enumerate(units) if unit in part.targets]
-        if moving:
-            moved = np.stack([part.targets[units[number]] for number in moving]).astype(np.float32)
-            still = part_normals(part, part.neutral, corners)
-            position[moving] = _cut(moved, SMALLEST_OFFSET_M)
-            turned[moving] = _cut(part_normals(part, part.neutral + moved, corners) - still, SMALLEST_TURN)
-        return position[:, self.vertex], turned[:, self.vertex]
+        still = part_normals(part, part.neutral, corners)
+        for unit in units:
+            moved = part.targets.get(unit, np.zeros_like(part.neutral)).astype(np.float32)
+            turned = part_normals(part, part.neutral + moved, corners) - still if unit in part.targets else moved
+            yield _cut(moved, SMALLEST_OFFSET_M)[self.vertex], _cut(turned, SMALLEST_TURN)[self.vertex]
 
     def tangents(self) -> Float32:
         """(N, 4) unit tangents along u, orthogonal to the normals, and the handedness: normal x tangent is its v."""
@@ -86,8 +82,8 @@ class Piece:
 
 
 def _cut(offsets: Float32, least: float) -> Float32:
-    """Offsets with rows shorter than ``least`` set to zero."""
-    small = np.einsum("evc,evc->ev", offsets, offsets) < least * least
+    """(V, 3) offsets with rows shorter than ``least`` set to zero."""
+    small = np.einsum("vc,vc->v", offsets, offsets) < least * least
     return np.where(small[..., None], np.float32(0), offsets)
 
 

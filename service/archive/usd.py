@@ -137,8 +137,7 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
         weights = np.tile(np.eye(len(JOINTS), dtype=np.float32)[JOINTS.index(part.bone)], (len(part.neutral), 1))
     influences, indices = _influences(weights)
     both = np.concatenate([part.vertices, part.neutral])
-    posed = part.neutral + np.stack(list(shapes.values())) if shapes else np.zeros((0, *part.neutral.shape), np.float32)
-    turned = part_normals(part, posed, corners) - still
+    turned = [part_normals(part, part.neutral + offsets, corners) - still for offsets in shapes.values()]
     chart, across = _chart(part)
     paths = ", ".join(f"</Head/{part.name}/{name}>" for name in shapes)
     values: dict[str, str | None] = {

@@ -130,7 +130,7 @@ def make_reflectance(
             found = unfolded_albedo(found, subject.creases)
         shade = None if found is None else roots()
         if found is not None and shade is not None:
-            found = darkened(found.copy(), shade)
+            found = darkened(found.copy() if found is made.diffuse_albedo else found, shade)
         if run.small and found is not None:
             coloured(replace(made, diffuse_albedo=found))
         return found
@@ -336,7 +336,7 @@ def _displaced(
     height, facts = displacement(bumps, steps, surface, keep_cliffs=keep_cliffs)
     height *= skin * np.float32(1 / 255)
     texel_mm = steps.texel_mm() * np.float32(steps.width / size[0])
-    height = join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
+    join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
     pad_heights(height, surface, islands == NO_PART)
     return encode_heights(height), facts

@@ -242,11 +242,18 @@ def _fill_holes(height: Float32, known: Bool, mask: Bool) -> Bool:
     missing = mask & ~known
     if not missing.any():
         return known
-    side, none = (7, 7), cv2.BORDER_CONSTANT
-    total = np.asarray(cv2.boxFilter(height * known, -1, side, normalize=False, borderType=none))
-    count = np.asarray(cv2.boxFilter(known.astype(np.uint8), -1, side, normalize=False, borderType=none))  # at most 49
-    height[missing] = total[missing] / np.maximum(count[missing], 1)
-    return known | (missing & (count > 0))
+    found, side, none = known.copy(), (7, 7), cv2.BORDER_CONSTANT
+
+    def fill(strip: slice) -> None:
+        rows = slice(max(strip.start - 3, 0), strip.stop + 3)
+        inner, hole = slice(strip.start - rows.start, strip.stop - rows.start), missing[strip]
+        total = cv2.boxFilter(height[rows] * known[rows], -1, side, normalize=False, borderType=none)[inner]
+        count = cv2.boxFilter(known[rows].astype(np.uint8), -1, side, normalize=False, borderType=none)[inner]
+        height[strip][hole] = total[hole] / np.maximum(count[hole], 1)  # count is at most 49
+        found[strip] |= hole & (count > 0)
+
+    by_strips(len(height), fill)
+    return found
 
 
 REACH_MM = 3.0
@@ -284,18 +291,18 @@ class Seams:
         return cls(flat[good, 0], flat[good, 1])
 
 
-def join(height: Float32, seams: Seams, mask: Bool, texel_mm: Float32) -> Float32:
-    """Heights (H, W) mm, equal at both sides of seams; texels further than ``REACH_MM`` from one are unchanged.
+def join(height: Float32, seams: Seams, mask: Bool, texel_mm: Float32) -> None:
+    """Make heights equal at both sides of seams; texels further than ``REACH_MM`` from one are unchanged.
 
     Args:
-        height: (H, W) float32 mm.
+        height: (H, W) float32 mm, contiguous, changed in place.
         seams: pairs of texels of that map.
         mask: (H, W) bool; only texels in the same connected component of it as their side of the seam are changed.
         texel_mm: (h, w) side of a texel of the (H, W) map, on the same chart at any size.
     """
     if not len(seams.one):
-        return height
-    flat = height.ravel()
+        return
+    flat = height.reshape(-1)
     half = 0.5 * (flat[seams.other] - flat[seams.one])
     seeds, of_seed = np.unique(np.concatenate([seams.one, seams.other]), return_inverse=True)
     total = np.bincount(of_seed, np.concatenate([half, -half]), len(seeds))
@@ -317,9 +324,7 @@ def join(height: Float32, seams: Seams, mask: Bool, texel_mm: Float32) -> Float3
     scale = np.array(texel_mm.shape) / mask.shape
     mm = texel_mm[(row * scale[0]).astype(int), (column * scale[1]).astype(int)] * distance
     fade = 0.5 * (1 + np.cos(np.pi * np.minimum(mm / REACH_MM, 1.0)))
-    result = height.copy()
-    result.ravel()[near] += np.where(same, value[source] * fade, 0).astype(np.float32)
-    return result
+    flat[near] += np.where(same, value[source] * fade, 0).astype(np.float32)
 
 
 def _seam_edges(head: HeadModel, part: int, points: Float64) -> tuple[Float64, Float64]:
