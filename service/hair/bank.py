@@ -40,6 +40,9 @@ TEMPERATURE = 0.08
 """Loss by which a style becomes e times less likely."""
 TRUST: dict[str, float] = {"length": 0.8, "gathered": 0.8, "parting": 0.65, "fringe": 0.8, "curl": 1.3}
 """Exponents of the reading's own probabilities."""
+OVERSURE = 1.3
+"""Temperature of the probabilities of kinds that are told: silhouettes and readings err together. Of 90 rendered people
+the likeliest kind is right for 0.76, and was told with 0.84; now with 0.78."""
 ENDS_TRUST, ENDS_M = 0.5, 0.03
 """Weight of the height of the ends that was read, and the standard deviation that it has at least."""
 CROPPED_MM = 5.0
@@ -147,7 +150,8 @@ class Matches:
     def kinds(self, bank: Bank) -> dict[str, float]:
         """Probability of each kind of :func:`kind_of`, likeliest first."""
         found: dict[str, float] = {}
-        for index, share in enumerate(self.probability):
+        softened = self.probability ** (1 / OVERSURE)
+        for index, share in enumerate(softened / softened.sum()):
             name = kind_of(bank.styles[index % len(bank.styles)])
             found[name] = found.get(name, 0.0) + float(share)
         return dict(sorted(found.items(), key=lambda item: -item[1]))

@@ -360,15 +360,15 @@ def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
     """The style without thinning that the photo does not show.
 
     It does not show how densely hair grows nor, from the front, whether the crown is bald; where it shows hair at the
-    temples, that has not receded beside them either.
+    temples, or a hat, that has not receded beside them either.
     """
     roots = skin.even
     cell, seen = sight.visible(*sight.project(roots.position))
     facing = sight.faces(roots) > 0
-    weight = recedes(roots) * sight.known[cell] * (seen & facing)
-    shown = float((weight * sight.hair[cell]).sum() / max(float(weight.sum()), 1e-6))
+    weight = recedes(roots) * (seen & facing)
+    bare = float((weight * (sight.known * (1 - sight.hair))[cell]).sum() / max(float(weight.sum()), 1e-6))
     crown = style.crown if sight.visible(*sight.project(CROWN))[1] else 0.0
-    return dataclasses.replace(style, density=1.0, crown=crown, receding=style.receding * (1 - shown))
+    return dataclasses.replace(style, density=1.0, crown=crown, receding=style.receding * bare)
 
 
 def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> tuple[Groom, Float32]:
