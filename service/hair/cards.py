@@ -116,8 +116,8 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     inner_rows = max(ROWS[0], rows // 2)
     cap = _cap(groom, scalp)
     wanted = {name: int(share * max(budget.triangles - len(cap[3]), 0)) for name, share in SHARES.items()}
-    ribbons = Ribbons.along(groom.strands, rows, wanted["body"] // (2 * rows), body, rng)
-    inner = Ribbons.along(groom.strands, inner_rows, wanted["inner"] // (2 * inner_rows), body, rng)
+    ribbons = Ribbons.along(groom.strands, rows, wanted["body"] // (2 * rows), body, scalp, rng)
+    inner = Ribbons.along(groom.strands, inner_rows, wanted["inner"] // (2 * inner_rows), body, scalp, rng)
     inner = inner.backing(body, scalp)
     hairs = _single_hairs(groom, edge, min(rows, 6), wanted["single"], body, rng)
     strokes, cells, of_ribbon, of_inner, of_hair = _drawn(groom, colours, ribbons, inner, hairs, rng)
@@ -175,7 +175,9 @@ class Ribbons:
     label: Int64
 
     @classmethod
-    def along(cls, strands: Float32, rows: int, count: int, body: Body, rng: np.random.Generator) -> Ribbons:
+    def along(
+        cls, strands: Float32, rows: int, count: int, body: Body, scalp: Scalp, rng: np.random.Generator
+    ) -> Ribbons:
         """At most ``count`` ribbons of ``rows`` quads along the bundles of strands (N, P, 3)."""
         coarse = np.einsum("rp,npc->nrc", _window(strands.shape[1], 8), strands)
         # Where they begin and end tells bundles apart more than where they run.
@@ -190,7 +192,8 @@ class Ribbons:
         # Half of a bundle's roots lie before their middle: without this, bare scalp shows along partings.
         first = unit(line[:, 1] - line[:, 0])
         before = ((own[:, 0] - line[label, 0]) * first[label]).sum(1, keepdims=True)
-        line[:, 0] -= first * np.sqrt(_means(label, before**2, len(number)))
+        line[:, 0] -= first * np.sqrt(3 * _means(label, before**2, len(number)))
+        line[:, 0] -= (scalp.outside(line[:, 0]) - 2 * CAP_M)[:, None] * scalp.outwards(line[:, 0])
         across = facing(line, body.outwards(line), rng)
         offset = ((own - line[label]) * across[label]).sum(2)
         squares = _means(label, offset[..., None] ** 2, len(number))[..., 0]
