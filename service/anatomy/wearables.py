@@ -225,7 +225,7 @@ def _tangent(part: MeshPart, item: Item, head: HeadModel, fit: Fit) -> MeshPart:
     for _ in range(SPLITS):
         columns, triangles = split_in_four(columns, triangles, np.ones(len(triangles), bool))
     _round_off(columns[:, :6], triangles, ROUNDS)
-    for rounds in (ROUNDS // 4, 1):
+    for rounds in (ROUNDS // 4, 1, 0):
         away, which = tree.query(columns[:, :3], min(NEIGHBOURS, len(rim)))
         away, which = away.reshape(len(columns), -1), which.reshape(len(columns), -1)
         share = 1 / (away + 1e-6) ** 4

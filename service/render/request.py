@@ -12,15 +12,15 @@ from pydantic.dataclasses import dataclass
 
 from service.checks import CHECKED, Checked, Right, shown
 from service.errors import UsageError
-from service.light.scene import Environment, Scene
+from service.light.scene import Environment, Response, Scene
 
 SMALLEST_SIDE, LARGEST_SIDE = 16, 4096
 LARGEST_PIXELS = 4096 * 4096
 FINEST = 3
 """Most samples per pixel and axis."""
 
-STUDIO = Scene(Environment(name="studio"))
-"""The default scene."""
+STUDIO = Scene(Environment(name="studio"), response=Response(target=0.7, shoulder=0.6))
+"""The default scene. Its highlights roll off: the shoulders are nearer to its lamps than the face."""
 
 VIEWS = {"front": 0.0, "three-quarter": 35.0, "left": 90.0, "right": -90.0, "back": 180.0}
 """Azimuth of the camera in degrees, positive towards the subject's left."""
