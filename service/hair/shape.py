@@ -233,27 +233,6 @@ def bare_rooted(strands: Float32, sight: Sight) -> Bool:
     return np.asarray(sight.read(blurred(sight.bare, 0.7), strands[:, 0])[0] > BARE)
 
 
-def like_neighbours(strands: Float32, cut: Float32, kept: Bool, sight: Sight) -> Float32:
-    """Strands (N, P, 3) of which those that would be cut to stubs run as the nearest that are not.
-
-    So a strand that crosses the face, which the photo shows bare, goes beside it with the others.
-
-    Args:
-        strands: before they were cut.
-        cut: and after, (N, P, 3).
-        kept: (N,) which are no stubs.
-        sight: the photo; what begins on bare skin stays as it is.
-    """
-    stubs = np.flatnonzero(~kept & ~bare_rooted(strands, sight))
-    whole = np.flatnonzero(kept)
-    if not len(stubs) or not len(whole):
-        return strands
-    near = whole[cKDTree(strands[whole, 0]).query(strands[stubs, 0])[1]]
-    made = strands.copy()
-    made[stubs] = cut[near] - cut[near, :1] + strands[stubs, :1]
-    return made
-
-
 def _ends(strands: Float32, sight: Sight) -> float:
     """Height at which the photo's hanging hair ends; on the chest where it does not tell."""
     hanging = strands[strands[..., 1] < HANGS_BELOW_M]
@@ -387,12 +366,10 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     moved = groom.strands
     for _ in range(2):
         moved = to_outline(moved, sight, skin)
-    moved = like_neighbours(moved, *trimmed(moved, sight, skin, rng), sight)
-    groom = groom.chosen(moved, np.arange(len(moved)))
+    groom = dataclasses.replace(groom, strands=moved)
     for _ in range(FILLINGS):
         groom = filled(groom, sight, skin, rng)
-    moved = groom.strands
-    moved, kept = trimmed(moved, sight, skin, rng)
+    moved, kept = trimmed(groom.strands, sight, skin, rng)
     kept |= ~bare_rooted(moved, sight)
     moved = np.concatenate([moved[:, :1], skin.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)
