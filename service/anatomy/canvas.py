@@ -98,12 +98,14 @@ class Canvas:
         self.colour[at] = colour
         self.covered[at] = True
 
+    def filled(self) -> Float32:
+        """(size, size, 3) float32 in [0, 1], linear, row 0 at v = 1."""
+        nearest = nearest_inside(self.covered.reshape(self.size, self.size))
+        return np.asarray(np.clip(self.colour[nearest], 0, 1), np.float32)
+
     def picture(self) -> UInt8:
         """(size, size, 3) uint8 sRGB, row 0 at v = 1."""
-        nearest = nearest_inside(self.covered.reshape(self.size, self.size))
-        image = self.colour[nearest]
-        coded = linear_to_srgb(np.clip(image, 0, 1).astype(np.float32))
-        return np.asarray(np.rint(255 * coded), np.uint8)
+        return np.asarray(np.rint(255 * linear_to_srgb(self.filled())), np.uint8)
 
 
 def smooth_noise(places: AnyFloat, scales: Sequence[float], seed: int) -> Float32:
