@@ -29,7 +29,7 @@ from service.colour import Codes
 from service.geometry.chart import NO_PART
 from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo.albedo_prior import error_map
-from service.reflectance.albedo.beside_skin import close_seam, darkened, pad_parts, pad_skin
+from service.reflectance.albedo.beside_skin import close_seam, pad_parts, pad_skin, scaled
 from service.reflectance.albedo.corrections import Ledger
 from service.reflectance.albedo.diffuse_albedo import diffuse_albedo
 from service.reflectance.albedo.highlights import HIGHLIGHTS, without_highlights
@@ -129,8 +129,9 @@ def make_reflectance(
             # Only now: the networks read relief from the dark lines of folds.
             found = unfolded_albedo(found, subject.creases)
         shade = None if found is None else roots()
-        if found is not None and shade is not None:
-            found = darkened(found.copy() if found is made.diffuse_albedo else found, shade)
+        if found is not None and shade is not None and (shade < 255).any():
+            factor = np.moveaxis(shade, 2, 0) * np.float32(1 / 255)
+            found = scaled(found.copy() if found is made.diffuse_albedo else found, factor)
         if run.small and found is not None:
             coloured(replace(made, diffuse_albedo=found))
         return found

@@ -1,5 +1,5 @@
-"""The diffuse albedo where it is not bare skin: the shadow of hair's roots, padding outside the chart's islands, and
-the chart's seam at the back of the head.
+"""The diffuse albedo after its network: as the told light leaves it, under the shadow of hair's roots, padded outside
+the chart's islands, and closed at the chart's seam at the back of the head.
 
 delta's result there is arbitrary, as it was never trained on these texels, and the networks that read the albedo would
 take the step at an island's border for a crease. So skin is padded from inside, as in the texture. So is what is drawn
@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.canvas import PartTexels
-from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
+from service.arrays import Float32
+from service.colour import FULL_CODE, Codes, srgb_to_linear
 from service.geometry.chart import NO_PART, nearest_inside
-from service.image_filters import blurred, by_strips, least, shrunk
+from service.image_filters import blurred, by_strips, most, shrunk
+from service.reflectance.albedo.corrections import DARKEST
 from service.reflectance.planes import read_window
 from service.reflectance.subject import Subject, margin
 
@@ -131,27 +132,47 @@ def pad_parts(albedo: Codes, subject: Subject) -> Codes:
     return albedo
 
 
-def darkened(albedo: Codes, left: npt.NDArray[np.uint8]) -> Codes:
-    """The albedo, changed in place.
+CODED_POWER, CODED_LIFT = 1 / 2.4, 0.055 * FULL_CODE
+"""Of the sRGB curve above its toe: a factor on linear values is its power on codes that are lifted by so much."""
+
+
+def scaled(albedo: Codes, factor: Float32) -> Codes:
+    """The albedo, changed in place; below the curve's toe, a linear 0.003, what is made darker comes out darker still.
 
     Args:
         albedo: (H, W, 3) sRGB codes.
-        left: (h, w, 3) uint8, linear, 255 = 1: the factor on linear albedo, interpolated.
+        factor: (3, h, w) positive, on linear albedo, interpolated.
     """
     height, width = albedo.shape[:2]
-    planes = np.ascontiguousarray(np.moveaxis(left, 2, 0), np.float32) / np.float32(255)
+    powers = np.power(factor, np.float32(CODED_POWER))
 
-    def darken(strip: slice) -> None:
-        factor = read_window(planes, (width, height), strip)
-        chosen = least(factor) < 1 - 1e-3
-        if chosen.any():
-            linear = _LINEAR_OF_CODE[albedo[strip][chosen]]
-            albedo[strip][chosen] = np.rint(linear_to_srgb(linear * factor[chosen]) * FULL_CODE).astype(albedo.dtype)
+    def scale(strip: slice) -> None:
+        power = read_window(powers, (width, height), strip)
+        chosen = most(np.abs(power - 1)) > 1e-3
+        lifted = (albedo[strip][chosen] + np.float32(CODED_LIFT)) * power[chosen] - np.float32(CODED_LIFT)
+        albedo[strip][chosen] = np.rint(np.clip(lifted, 0, FULL_CODE)).astype(albedo.dtype)
 
-    if (left < 255).any():
-        by_strips(height, darken)
+    by_strips(height, scale)
     return albedo
 
 
-_LINEAR_OF_CODE = srgb_to_linear(np.arange(FULL_CODE + 1) * np.float32(1 / FULL_CODE))
-"""Linear value of each code."""
+FINER = 2.0
+"""Standard deviation of what is finer than the told light is believed for, texels of the context: 3 mm."""
+BARELY = 0.05
+"""Share of such skin around with less of which its surroundings tell little."""
+
+
+def as_told(albedo: Codes, told: Float32, weight: Float32) -> tuple[Codes, Float32]:
+    """The albedo, changed in place, and the (3, h, w) factors on it: what is wider than ``FINER`` is as the told light
+    leaves it, detail stays the network's.
+
+    Args:
+        albedo: (H, W, 3) codes.
+        told: (3, h, w) natural logarithm of the texture less the light.
+        weight: (h, w) in [0, 1], where that light is to be believed; where it is 0 the albedo stays.
+    """
+    ours = srgb_to_linear(shrunk(albedo, told.shape[:0:-1]) * np.float32(1 / FULL_CODE))
+    off = (np.moveaxis(told, 0, 2) - np.log(np.maximum(ours, np.float32(DARKEST)))) * weight[..., None]
+    share = weight / np.maximum(blurred(weight, FINER), np.float32(BARELY))
+    factor = np.ascontiguousarray(np.moveaxis(np.exp(blurred(off, FINER) * share[..., None]), 2, 0), np.float32)
+    return scaled(albedo, factor), factor

@@ -309,6 +309,11 @@ def seamless(light: Float32) -> Float32:
     return np.asarray(light + share * (light[..., ::-1] - light), np.float32)
 
 
+def beside_lit(lit: Float32) -> Float32:
+    """(h, w) in [0, 1], 1 on lit skin (h, w) and on what is narrow in it, as brows are."""
+    return np.asarray(np.clip(NEAR_LIT[1] * blurred(np.clip(lit, 0, 1), NEAR_LIT[0]), 0, 1), np.float32)
+
+
 def with_shade_floor(everywhere: Float32, light: Float32, lit: Float32) -> Float32:
     """(C, h, w) continued light, raised to the ``SHADED`` quantile of the lit skin where it is below.
 
@@ -324,8 +329,7 @@ def with_shade_floor(everywhere: Float32, light: Float32, lit: Float32) -> Float
     if not chosen.any():
         return everywhere
     floor = np.quantile(light.mean(0)[chosen], SHADED)
-    beside = np.clip(NEAR_LIT[1] * blurred(np.clip(lit, 0, 1), NEAR_LIT[0]), 0, 1)
-    more = np.maximum(np.float32(floor) - everywhere.mean(0), 0) * (1 - np.maximum(lit, beside))
+    more = np.maximum(np.float32(floor) - everywhere.mean(0), 0) * (1 - np.maximum(lit, beside_lit(lit)))
     return np.asarray(everywhere + more, np.float32)
 
 

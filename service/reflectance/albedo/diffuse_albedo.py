@@ -19,8 +19,11 @@ from service.anatomy.eyes import BRIGHTEST
 from service.arrays import Float32
 from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
 from service.face.features.eye_colours import BETWEEN_LIDS
+from service.image_filters import shrunk
 from service.reflectance.albedo.albedo_prior import clues, error_model
+from service.reflectance.albedo.beside_skin import as_told
 from service.reflectance.albedo.corrections import (
+    DARKEST,
     LIGHT_CONTRAST,
     SKIN_HUE,
     UNSEEN_SKIN,
@@ -28,6 +31,7 @@ from service.reflectance.albedo.corrections import (
     Correction,
     Ledger,
     LightCorrection,
+    beside_lit,
     corrected,
 )
 from service.reflectance.albedo.highlights import HIGHLIGHTS
@@ -47,17 +51,30 @@ EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN,)
 """Corrections of the light that is continued from there to the whole chart, in order."""
 
 
+TOLD_LIGHT = Correction(
+    name="told-light",
+    mends="The network that takes off the light tile by tile takes lids, brows and chins for shade a second time.",
+    cases=("soft", "hard", "brows", "beard"),
+)
+AS_TOLD = 0.01
+"""Change of log albedo from which a texel of the context counts as changed by it."""
+
+
 @dataclass(frozen=True)
 class Found:
     """What the context network tells of a whole chart.
 
     Attributes:
         light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
+        albedo: (3, h, w) natural logarithm of the texture less that light, at most ``BRIGHTEST``.
+        believed: (h, w) in [0, 1], 1 on lit skin and on what is narrow in it: brows, lids.
         between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
         clues: (K, h, w) to how sure the albedo is, ``service.reflectance.albedo.albedo_prior``.
     """
 
     light: Float32
+    albedo: Float32
+    believed: Float32
     between: Float32
     clues: Float32
 
@@ -97,7 +114,10 @@ def found_by(
     prior = start.prior
     apart = None if prior is None else prior.apart(start.shown)
     clue_planes = clues(whole.light, start.texture, start.weight, lids, apart, white_seen)
-    return Found(whole.light, light_between_lids(on_skin.light, start.lit), clue_planes)
+    albedo = np.log(np.clip(start.texture, DARKEST, None)) - np.clip(whole.light, -6, 6)
+    albedo = np.minimum(albedo, np.float32(np.log(BRIGHTEST)))
+    between = light_between_lids(on_skin.light, start.lit)
+    return Found(whole.light, albedo, beside_lit(start.weight), between, clue_planes)
 
 
 def _seen_by(network: Network, planes: Planes) -> tuple[ChartLight, Float32, bool]:
@@ -188,12 +208,17 @@ def diffuse_albedo(
         result[place] = to_codes(albedo)
 
     translate(NETWORK, job, 3, keep)
+    if found is not None and ledger.runs(TOLD_LIGHT):
+        skin = shrunk(job.skin, found.believed.shape[::-1]) * np.float32(1 / 255)
+        result, factor = as_told(result, found.albedo, found.believed * skin)
+        ledger.count(TOLD_LIGHT, int((np.abs(np.log(factor)).max(0) > AS_TOLD).sum()), factor[0].size)
     return Delit(result, None if found is None else error_model().stated(found.clues))
 
 
 REGISTRY: tuple[Correction, ...] = (
     *ON_LIT_SKIN,
     *EVERYWHERE,
+    TOLD_LIGHT,
     HIGHLIGHTS,
 )
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from pytest import approx
 
 from service.anatomy.canvas import PartTexels
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
 from service.face.features.eye_colours import SCLERA
 from service.geometry.chart import NO_PART
 from service.head.files import load_head
-from service.reflectance.albedo.beside_skin import close_seam, darkened, pad_parts, pad_skin
+from service.reflectance.albedo.beside_skin import as_told, close_seam, pad_parts, pad_skin, scaled
 from service.reflectance.albedo.diffuse_albedo import without
 from service.reflectance.subject import Subject
 
@@ -84,9 +85,25 @@ def test_teeth_and_eyes_go_on_beyond_their_islands_and_no_other_island_changes()
 def test_the_factor_is_on_linear_albedo() -> None:
     skin = np.array([0.4, 0.25, 0.2], np.float32)
     albedo = np.tile(np.rint(linear_to_srgb(skin) * FULL_CODE).astype(np.uint16), (64, 96, 1))
-    left = np.full((16, 24, 3), 255, np.uint8)
-    left[:8] = [128, 64, 255]
+    factor = np.ones((3, 16, 24), np.float32)
+    factor[:, :8] = np.array([0.5, 0.25, 1.2])[:, None, None]
     before = albedo.copy()
-    found = srgb_to_linear(darkened(albedo, left) / FULL_CODE)
-    assert np.allclose(found[:24], skin * np.array([128, 64, 255]) / 255, atol=2e-4)
+    found = srgb_to_linear(scaled(albedo, factor) / FULL_CODE)
+    assert np.allclose(found[:24], skin * [0.5, 0.25, 1.2], atol=2e-4)
     assert np.array_equal(albedo[40:], before[40:])
+
+
+def test_the_told_light_holds_for_all_but_detail() -> None:
+    """What the network brightens in a wide region comes back; its fine lines stay, and so does what is no skin."""
+    texture = np.full((96, 144, 3), 0.3)
+    lines = 1 + 0.2 * (np.arange(768) % 4 < 2)[None, :, None]
+    network = np.where(np.arange(512)[:, None, None] < 256, [0.45, 0.4, 0.3], 0.3) * lines
+    codes = np.rint(linear_to_srgb(network.astype(np.float32)) * FULL_CODE).astype(np.uint16)
+    weight = np.ones((96, 144), np.float32)
+    weight[:, :18] = 0
+    before = codes.copy()
+    found, _ = as_told(codes, np.log(np.moveaxis(texture, 2, 0)).astype(np.float32), weight)
+    linear = srgb_to_linear(found / FULL_CODE)
+    assert np.allclose(linear[32:480, 200:].mean((0, 1)), 0.3, rtol=0.02)
+    assert linear[100, 400] / linear[100, 402] == approx(1.2, abs=0.02)
+    assert np.array_equal(found[:, :80], before[:, :80])
