@@ -9,9 +9,7 @@ Each avatar is made by ``service.pipeline.make_avatar``. Two tables:
 - how bright a region is over the cheeks, ours over the truth's: 1 is right. Beards and brows that are taken for shade
   come out above 1, highlights that stay on the ridge of the nose likewise, shade that stays below.
 
-``--models FOLDER`` asks the networks of another folder instead, on the same fits and textures, for a comparison before
-weights are exchanged. ``--keep`` keeps fits and textures beside the photos: fit for comparing weights, not for telling
-what a changed fit does.
+``--models FOLDER`` asks the networks of another folder instead, to compare weights before they are exchanged.
 """
 
 from __future__ import annotations

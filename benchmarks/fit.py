@@ -43,13 +43,12 @@ DEFAULT = "+ free form (full)"
 AVERAGE = "average head, pose only"
 SETTINGS: dict[str, dict[str, Any]] = {
     AVERAGE: {"identity_components": 0, "refine": "landmarks"},
-    "landmarks": {"refine": "landmarks", "scores": False},
+    "landmarks (not read)": {"refine": "landmarks"},
     "landmarks, outline (not read)": {},
     "landmarks + scores": {"refine": "landmarks"},
     "+ places": {"refine": "dense", "normals": False},
     "+ normals (dense)": {"refine": "dense"},
     DEFAULT: {},
-    "full without scores": {"scores": False},
     "full without normals": {"normals": False},
     "full, 40 components": {"identity_components": 40},
     "full, 150 modes of free form": {"beyond": 150},

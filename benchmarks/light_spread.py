@@ -12,18 +12,18 @@ makes a diffuse albedo of each photo. Two questions:
 - How much of the light is left in it? Root mean square over texels of the standard deviation over lights, beside that
   over heads of the mean over lights. All heads share one chart; texels count that every photo shows.
 
-Beside both stands the texture itself, with the photo's light in it. Photos are kept in ``--out`` and not taken again.
-Broken off (Ctrl-C), it prints the tables of the lights in which all heads are done.
+Beside both stands the texture itself, with the photo's light in it. ``--photos 3`` makes each avatar of three photos,
+the further ones from the sides, each in the next of the lights; it is compared in the first. Printed with it: how much
+of the face is seen. Photos are kept in ``--out`` and not taken again.
 """
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,7 @@ from benchmarks.render import FURTHER_LAMPS, LAMPS, Shot, take_once
 from benchmarks.shoot import data_folder
 from benchmarks.subjects import KINDS as SUBJECTS
 from models.tables import tell
+from models.training.regions import region_planes
 from service.colour import linear_to_srgb, srgb_to_linear
 
 Float = npt.NDArray[np.float64]
@@ -56,6 +57,8 @@ KINDS = {**SUBJECTS, "hifi3d": hifi3d}
 """Kinds of heads: (folder of reference heads, folder that keeps what was made) -> heads."""
 
 LIGHTS = ("soft", *LAMPS, "harsh", *FURTHER_LAMPS)
+YAWS = (8.0, -35.0, 35.0)
+"""Degrees, of the photos of one avatar; the first is the most frontal, so that the program takes it for the best."""
 SIZE = 512
 COMPARED_WIDTH = 384
 """Maps are averaged to this width before lights are compared: fits differ by a texel or two of the finer map."""
@@ -80,10 +83,10 @@ class Run:
     seen: Mask
 
 
-def photo_of(head: TexturedHead, light: str, out: Path) -> Path:
+def photo_of(head: TexturedHead, light: str, out: Path, yaw: float = YAWS[0]) -> Path:
     """Path, without ending, of the photo of a head in a light; taken where it is not there."""
-    path = out / f"spread_{head.name}_{light}"
-    take_once(head, Shot(8.0, light, 1.2, 18.0, SIZE), path)
+    path = out / (f"spread_{head.name}_{light}" + (f"_{yaw:.0f}" if yaw != YAWS[0] else ""))
+    take_once(head, Shot(yaw, light, 1.2, 18.0, SIZE), path)
     return path
 
 
@@ -114,23 +117,21 @@ def psnr(found: Float, truth: Float) -> tuple[float, float]:
     return raw, best
 
 
-def run(head: TexturedHead, light: str, out: Path, quality: str) -> Run:
-    """Take the photo, make the albedo, compare.
+def run(head: TexturedHead, lights: Sequence[str], out: Path, quality: str) -> Run:
+    """Take a photo in each light, make the albedo of all, compare it in the first.
 
     Raises:
         AvatarError: as ``service.pipeline.make_avatar``.
     """
-    import cv2
-
     from service.options import Options
     from service.pipeline import make_avatar
 
-    path = photo_of(head, light, out)
+    paths = [photo_of(head, *one) for one in zip(lights, itertools.repeat(out), YAWS, strict=False)]
     options = Options(maps=("diffuse_albedo", "texture", "confidence"), quality=quality, face="largest")  # type: ignore[arg-type]
-    avatar = make_avatar(Path(f"{path}.png").read_bytes(), options)
+    avatar = make_avatar([Path(f"{path}.png").read_bytes() for path in paths], options)
     assert avatar.reflectance is not None and avatar.reflectance.diffuse_albedo is not None  # noqa: S101 - asked for
     maps = {"albedo": avatar.reflectance.diffuse_albedo / 65535.0, "texture": avatar.texture.texture / 255.0}
-    with np.load(f"{path}.npz") as truth:
+    with np.load(f"{paths[0]}.npz") as truth:
         position, normal = truth["position"].astype(np.float64), truth["normal"].astype(np.float64)
         albedo, skin = true_albedo(head, position, truth["mask"])
         region = face_region(position, normal, head.eyes, float(truth["yaw"]))
@@ -139,10 +140,17 @@ def run(head: TexturedHead, light: str, out: Path, quality: str) -> Run:
     face = skin & view.skin & region
     coded = linear_to_srgb(albedo[face].astype(np.float32)).astype(np.float64)
     size = (COMPARED_WIDTH, COMPARED_WIDTH * 2 // 3)
-    small = {k: np.asarray(cv2.resize(v, size, interpolation=cv2.INTER_AREA), np.float64) for k, v in maps.items()}
-    seen = cv2.resize(avatar.texture.confidence, size, interpolation=cv2.INTER_AREA) >= SEEN
+    small = {k: at_size(v, size).astype(np.float64) for k, v in maps.items()}
+    seen = at_size(avatar.texture.confidence, size) >= SEEN
     flat = np.broadcast_to(coded.mean(0), coded.shape)
     return Run(psnr(ours[face], coded), psnr(flat, coded), psnr(texture[face], coded), small, seen)
+
+
+def at_size(values: npt.NDArray[Any], size: tuple[int, ...]) -> npt.NDArray[Any]:
+    """A map averaged to (width, height)."""
+    import cv2
+
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
 
 
 @dataclass(frozen=True)
@@ -203,8 +211,10 @@ def table(runs: Mapping[tuple[str, str], Run], kinds: Mapping[str, str], quality
         ratio = found.over_lights[ALL] / max(found.over_heads, 1e-9)
         people = "- | -" if np.isnan(found.over_heads) else f"{255 * found.over_heads:.1f} | {ratio:.2f}"
         lines.append(f"| {name} | {lights} | {people} |")
-    texels = f"{seen_by_all(runs).sum()} texels of {COMPARED_WIDTH} x {COMPARED_WIDTH * 2 // 3} are seen in all photos."
-    return [*lines, "", f"At `{quality}`; {texels}"]
+    texels = f"{seen_by_all(runs).sum()} texels of {COMPARED_WIDTH} x {COMPARED_WIDTH * 2 // 3} are seen in all photos"
+    face = at_size(region_planes(("face",)).numpy()[0], (COMPARED_WIDTH, COMPARED_WIDTH * 2 // 3)) > 0.5
+    shown = [one.seen[face].mean() for one in runs.values()]
+    return [*lines, "", f"At `{quality}`; {texels}, and of one {100 * float(np.mean(shown)):.0f} % of the face."]
 
 
 def chosen(given: str, known: Sequence[str], least: int, what: str) -> list[str]:
@@ -224,6 +234,7 @@ def main(
     out: Annotated[Path, typer.Option(help="Folder that keeps the photos.")] = Path("build/bench"),
     kinds: Annotated[str, typer.Option(help="Of heads; one or more, with commas between.")] = ",".join(KINDS),
     lights: Annotated[str, typer.Option(help="Two or more, with commas between.")] = ",".join(LIGHTS),
+    photos: Annotated[int, typer.Option(min=1, max=len(YAWS), help="Of each avatar, each in another light.")] = 1,
     quality: Annotated[str, typer.Option(help="Level.")] = "draft",
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into.")] = None,
 ) -> None:
@@ -235,15 +246,10 @@ def main(
     people = [(head, kind) for kind in wanted for head in KINDS[kind](folder, out)]
     kind_of = {head.name: kind for head, kind in people}
     runs: dict[tuple[str, str], Run] = {}
-    with contextlib.suppress(KeyboardInterrupt):  # what is done by then is worth a table
-        # Lights outside: whoever breaks it off has all heads in the lights that are done.
-        for light, (head, _) in itertools.product(names, people):
-            runs[head.name, light] = run(head, light, out, quality)
-            typer.echo(f"{head.name} {light}: {runs[head.name, light].albedo[0]:.1f} dB", err=True)
-    done = [light for light in names if all((who, light) in runs for who in kind_of)]
-    if len(done) < 2:
-        raise SystemExit("broken off before two lights were done: there is no spread over one")
-    tell("\n".join(table({key: one for key, one in runs.items() if key[1] in done}, kind_of, quality)), MARK, write)
+    for (first, light), (head, _) in itertools.product(enumerate(names), people):
+        runs[head.name, light] = run(head, [*names[first:], *names[:first]][:photos], out, quality)
+        typer.echo(f"{head.name} {light}: {runs[head.name, light].albedo[0]:.1f} dB", err=True)
+    tell("\n".join(table(runs, kind_of, quality)), MARK, write)
 
 
 if __name__ == "__main__":

@@ -109,6 +109,7 @@ def _refined(
     dense = [None if sight.found is None else DenseTerms(head, sight.found) for sight in sights]
     soft = [Softened.around(*photo, state, vertices_at(state)) for photo, state in zip(photos, states, strict=True)]
     contour, (lower, upper) = OutlineFinder(head), bounds(model)
+    plain = np.arange(model.shape_count) < components
     # Further rounds, of several photos, with the spots that these have in common.
     rounds = REACH_M if len(sights) == 1 else (*REACH_M, *(REACH_M[-1:] * 5))
     for round_, reach in enumerate(rounds):
@@ -126,7 +127,10 @@ def _refined(
                 # and up to which they are: the landmark network draws the hidden half of profiles, and both turn these
                 # some degrees to the camera.
                 squarely = max(float(smoothstep(np.array(abs(state.yaw_deg)), 68.0, 52.0)), HARDLY)
-                own[0] = replace(points, precision=points.precision * squarely)
+                # A photo alone and from the front is told by its landmarks more, and less by the prior of identity.
+                frontal = float(smoothstep(np.array(abs(state.yaw_deg)), 25.0, 12.0)) * (len(sights) == 1)
+                own[0] = replace(points, precision=points.precision * squarely * (1.0 + frontal))
+                own[1] = replace(priors[k], shape_precision=priors[k].shape_precision * (1.0 - 0.7 * frontal * plain))
                 own.append(read.points(state))
                 own += [read.normals(state, shape)] if normals and squarely > HARDLY else []
             outline = contour.term(soft[k], photos[k][1], state, shape, reach)
@@ -154,7 +158,7 @@ FEWEST_LANDMARKS = 30
 
 
 def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings, scores: Scores | None = None) -> Prior:
-    """The fit's prior: portrait distance, focal length from EXIF where there is one, Gaussian shape coefficients.
+    """The fit's prior: portrait distance (1.2 m), focal length from EXIF where there is one, Gaussian coefficients.
 
     Units of the expression have the mean that their scores say. Less scatter about it than without scores made the
     shape of rendered heads at rest worse: the scores are seldom 0 on a face at rest.
@@ -167,12 +171,13 @@ def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings, scores:
         focal = photo.focal_35mm * float(np.hypot(*photo.size)) / 43.27
         focal_sigma, distance_sigma = EXIF_FOCAL_SIGMA, EXIF_DISTANCE_SIGMA
     precision = np.full(model.shape_count, settings.identity_prior)
-    precision[model.identity_count :] = settings.expression_prior**-2
+    # One over the variance of an expression unit about its score, or about 0 without one.
+    precision[model.identity_count :] = 4.0
     mean = np.zeros(model.shape_count)
     for k, name in enumerate(model.expression_names, model.identity_count):
         mean[k] = (scores or {}).get(name, 0.0)
     return Prior(
-        float(np.log(settings.distance_m)), distance_sigma, float(np.log(focal)), focal_sigma, precision, mean
+        float(np.log(1.2)), distance_sigma, float(np.log(focal)), focal_sigma, precision, mean
     )
 
 
@@ -218,7 +223,7 @@ def fit_views(views: Sequence[View], head: HeadModel, settings: FitSettings | No
                 f"only {finite} of {len(view.face.landmarks)} landmarks are finite; at least {FEWEST_LANDMARKS} are "
                 "needed", view=index,
             )  # fmt: skip
-        scores = view.reading.scores if view.reading is not None and settings.scores else None
+        scores = None if view.reading is None else view.reading.scores
         observed.append(Observed.of(view.face.landmarks, middle_of(view.photo)))
         priors.append(prior_for(view.photo, model, settings, scores))
     initial = fit_landmarks(model, observed, priors, settings)
@@ -235,14 +240,12 @@ def fit_views(views: Sequence[View], head: HeadModel, settings: FitSettings | No
     wide_model = LandmarkModel(wide, len(wide.identity))
     refined = _refined(sights, wide, wide_model, model.identity_count, normals=settings.normals)
     fits = _results(views, wide, wide_model, [one for one, _ in refined])
-    lights = [light for _, light in refined]
-    doubts = [{"not-read": not read, "no-light": light is None} for read, light in zip(found, lights, strict=True)]
     return [
         replace(
             fit, identity=fit.identity[: model.identity_count], light=light,
-            warnings=(*fit.warnings, *(code for code, true in doubt.items() if true)),
+            warnings=(*fit.warnings, *(() if read else ("not-read",)), *(("no-light",) if light is None else ())),
         )
-        for fit, light, doubt in zip(fits, lights, doubts, strict=True)
+        for fit, (_, light), read in zip(fits, refined, found, strict=True)
     ]  # fmt: skip
 
 

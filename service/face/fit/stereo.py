@@ -100,6 +100,11 @@ class Picture:
         good[hit] = (region[corners].all(1)) & ((facing[corners] * weights).sum(1) > 0.25)
         return cls(state, middle, low.astype(np.float64), float(stretch.mean()), grey, raster, vertices, place, good)
 
+    @property
+    def uneven(self) -> float:
+        """How much the light differs over the face: standard deviation of the logarithm without brows and lips."""
+        return float(blurred(self.grey, 12.0)[self.face].std()) if self.face.any() else 0.0
+
     def cells(self, points: Float64) -> tuple[Float64, Float64]:
         """(N, 2) cells of head-space points, centres at +0.5, and (N,) their depths, metres."""
         projection = project_points(self.state, points)
@@ -110,21 +115,22 @@ class Picture:
         return np.asarray(cells * self.step + self.corner - self.middle)
 
 
-def pairs(states: Sequence[State]) -> list[tuple[int, int]]:
-    """Photos to compare: each with the few others whose direction of view differs by about ``BEST_DEG``."""
+def pairs(states: Sequence[State], uneven: Sequence[float]) -> list[tuple[int, int]]:
+    """Photos to compare: each with the few others whose direction of view differs by about ``BEST_DEG``.
+
+    Of several from one direction only the least ``uneven`` counts: hard shade, which the rest lacks, pulls it astray.
+    """
     squarely = [index for index, state in enumerate(states) if abs(state.yaw_deg) < PROFILE_DEG]
-    towards = [-(state.rotation.T @ (state.translation / np.linalg.norm(state.translation))) for state in states]
+    towards = np.array([state.rotation.T @ (state.translation / np.linalg.norm(state.translation)) for state in states])
+    apart = np.degrees(np.arccos(np.clip(towards @ towards.T, -1, 1))) if states else np.zeros((0, 0))
+    used: list[int] = []
+    for one in sorted(squarely, key=lambda k: (uneven[k], k)):
+        used += [one] if all(apart[one, other] >= ANGLES_DEG[0] for other in used) else []
     found: set[tuple[int, int]] = set()
-    for one in squarely:
-        apart = [
-            (abs(angle - BEST_DEG), other)
-            for other in squarely
-            if other != one
-            and ANGLES_DEG[0] < (angle := float(np.degrees(np.arccos(np.clip(towards[one] @ towards[other], -1, 1)))))
-            and angle < ANGLES_DEG[1]
-        ]
-        # Photos that each is compared with.
-        found |= {(min(one, other), max(one, other)) for _, other in sorted(apart)[:2]}
+    for one in used:
+        beside = [other for other in used if ANGLES_DEG[0] < apart[one, other] < ANGLES_DEG[1]]
+        beside = sorted(beside, key=lambda k: (abs(apart[one, k] - BEST_DEG), k))[:2]  # that each is compared with
+        found |= {(min(one, other), max(one, other)) for other in beside}
     return sorted(found)
 
 
@@ -188,14 +194,12 @@ def tracks(head: HeadModel, one: Picture, other: Picture) -> Tracks | None:
     # Fewest spots of a pair that are followed.
     if len(rows) < 20:
         return None
-    landed = cv2.remap(
-        at.astype(np.float32), to[..., 0], to[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )[rows, columns].astype(np.float64)
-    here = np.stack([columns, rows], 1).astype(np.float64) + 0.5
+    landed = cv2.remap(at.astype(np.float32), to[..., 0], to[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    here, there = np.stack([columns, rows], 1).astype(np.float64) + 0.5, landed[rows, columns].astype(np.float64)
     triangle = one.raster.triangle[rows, columns]
     return Tracks(
         head.triangles[triangle].astype(np.int64), one.raster.barycentric[rows, columns].astype(np.float64),
-        (one.pixels(here), other.pixels(landed)), trust[rows, columns].astype(np.float64),
+        (one.pixels(here), other.pixels(there)), trust[rows, columns].astype(np.float64),
     )  # fmt: skip
 
 
@@ -226,7 +230,7 @@ def stereo_terms(head: HeadModel, pictures: Sequence[Picture | None]) -> list[li
     terms: list[list[PointTerm]] = [[] for _ in pictures]
     there = [index for index, picture in enumerate(pictures) if picture is not None]
     shown = [picture for picture in pictures if picture is not None]
-    for a, b in pairs([picture.state for picture in shown]):
+    for a, b in pairs([picture.state for picture in shown], [picture.uneven for picture in shown]):
         found = tracks(head, shown[a], shown[b])
         if found is None:
             continue
@@ -238,7 +242,6 @@ def stereo_terms(head: HeadModel, pictures: Sequence[Picture | None]) -> list[li
             sigma = 0.0005 * state.scale
             off = np.linalg.norm(now - target, axis=1)
             gate = max(GATE * sigma, GATE * float(np.median(off)))
-            # Weight of one spot; chosen on rendered heads.
-            weight = 1.0 * found.trust * geman_mcclure(off, gate) / sigma**2
+            weight = found.trust * geman_mcclure(off, gate) / sigma**2
             terms[there[place]].append(PointTerm(mean, modes, target, weight))
     return terms
