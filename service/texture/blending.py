@@ -190,7 +190,7 @@ def _in_octaves(chart: Chart, lit: Float32, weights: Float32) -> Float32:
     for index, sigma in enumerate((*sigmas, None)):
         # The finer an octave, the narrower the seam between two photos.
         sharp = keen if index == 0 else np.sqrt(keen) if index == 1 else weights
-        soft = _soft(chart, sharp[..., None], sigmas[max(index - 1, 0)])[..., 0] * shown
+        soft = np.maximum(_soft(chart, sharp[..., None], sigmas[max(index - 1, 0)])[..., 0], 0) * shown  # rounding
         share = soft / np.maximum(soft.sum(0), np.float32(1e-12))
         if sigma is None:
             below = np.zeros_like(lit)
