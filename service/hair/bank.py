@@ -41,8 +41,8 @@ TEMPERATURE = 0.08
 TRUST: dict[str, float] = {"length": 0.8, "gathered": 0.8, "parting": 0.65, "fringe": 0.8, "curl": 1.3}
 """Exponents of the reading's own probabilities."""
 OVERSURE = 1.3
-"""Temperature of the probabilities of kinds that are told: silhouettes and readings err together. Of 90 rendered people
-the likeliest kind is right for 0.76, and was told with 0.84; now with 0.78."""
+"""Temperature of the probabilities of kinds that are told: silhouettes and readings err together, so their product is
+surer than right."""
 ENDS_TRUST, ENDS_M = 0.5, 0.03
 """Weight of the height of the ends that was read, and the standard deviation that it has at least."""
 CROPPED_MM = 5.0
