@@ -177,8 +177,9 @@ def read_hair(pixels: UInt8, reading: Reading, network: HairNetwork | None = Non
     )  # fmt: skip
 
 
-WITNESS_HAIR, WITNESS_SKIN = (0.4, 0.8), (0.7, 1.0)
-"""Probabilities of hair and of skin by the reader of faces from which on it counts, and up to which in full."""
+WITNESS_HAIR, WITNESS_SKIN, LEAST_OWN = (0.4, 0.8), (0.7, 1.0), 0.1
+"""Probabilities of hair and of skin by the reader of faces from which on it counts and up to which it counts in full,
+and the network's own below which there is no hair whatever that one says."""
 
 
 def together(own: Float32, parts: Float32) -> Float32:
@@ -191,5 +192,5 @@ def together(own: Float32, parts: Float32) -> Float32:
         own: (H, W) in [0, 1], the network's.
         parts: (H, W, 13) probabilities of the parts.
     """
-    both = np.maximum(own, ramp(parts[..., HAIR], WITNESS_HAIR))
+    both = np.where(own > LEAST_OWN, np.maximum(own, ramp(parts[..., HAIR], WITNESS_HAIR)), own)
     return np.asarray(both * (1 - ramp(parts[..., SKIN], WITNESS_SKIN)), np.float32)
