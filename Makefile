@@ -31,9 +31,9 @@ doctor: $(SERVING) ## Say what is installed and try it out.
 	@$(BIN)/avatarme doctor
 
 # A file's tests stay together, so what a file sets up once is set up once, and the longest files come first (tests/conftest.py);
-# Three at a time on two cores, as many wait for a process of theirs; ARGS="-n 0" runs all in one. Bytecode is kept for those.
+# ARGS="-n 0" runs all in one process. Bytecode is kept: a third of the tests start processes.
 test: $(DEVELOPMENT) $(VALIDATOR) ## Run the tests on two cores (make test ARGS="-k cli").
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(ARGS)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 test-slow: $(DEVELOPMENT) $(VALIDATOR) ## Run the slow tests too.
 	$(BIN)/python -m pytest -m "not train" $(ARGS)
