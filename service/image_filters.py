@@ -115,3 +115,15 @@ def marked_columns(marked: Bool, size: tuple[int, int], rows: slice, grid: int =
         return None
     first = max(int((where[0] - 1) * across) // grid * grid, 0)
     return first, min(-(-int((where[-1] + 2) * across) // grid) * grid, size[0])
+
+
+def each_around(mask: Bool, shape: tuple[int, ...], change: Callable[[slice, slice], None]) -> None:
+    """Call a function of rows and columns for strips of the full map that texels of a small one (h, w) lie on."""
+    tall, wide = shape[:2]
+
+    def work(rows: slice) -> None:
+        columns = marked_columns(mask, (wide, tall), rows)
+        if columns is not None:
+            change(rows, slice(*columns))
+
+    by_strips(tall, work)

@@ -18,7 +18,7 @@ from service.geometry.remesh import Subdivision
 from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.head.regions import part_vertices, vertex_mask
-from service.materials.part import MeshPart, part_normals
+from service.materials.part import MeshPart, part_normals, turned
 from service.reflectance.reflectance_maps import MID, SCALE_MM
 
 vertex_normals = area_normals
@@ -59,11 +59,14 @@ class Piece:
     def offsets(self, units: Sequence[str]) -> Iterator[tuple[Float32, Float32]]:
         """(N, 3) offsets of position and of normal of each unit, zero where they are negligible."""
         part, corners = self.part, split_polygons(self.part.polygons)
-        still = part_normals(part, part.neutral, corners)
+        moved = {unit: part.targets[unit].astype(np.float32) for unit in units if unit in part.targets}
+        turns = dict(zip(moved, turned(part, corners, list(moved.values())), strict=True))
+        none = np.zeros((len(self.vertex), 3), np.float32)
         for unit in units:
-            moved = part.targets.get(unit, np.zeros_like(part.neutral)).astype(np.float32)
-            turned = part_normals(part, part.neutral + moved, corners) - still if unit in part.targets else moved
-            yield _cut(moved, SMALLEST_OFFSET_M)[self.vertex], _cut(turned, SMALLEST_TURN)[self.vertex]
+            if unit in moved:
+                yield _cut(moved[unit], SMALLEST_OFFSET_M)[self.vertex], _cut(turns[unit], SMALLEST_TURN)[self.vertex]
+            else:
+                yield none, none
 
     def tangents(self) -> Float32:
         """(N, 4) unit tangents along u, orthogonal to the normals, and the handedness: normal x tangent is its v."""

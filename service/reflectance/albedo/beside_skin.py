@@ -16,7 +16,7 @@ from service.anatomy.canvas import PartTexels
 from service.arrays import Float32
 from service.colour import FULL_CODE, Codes, srgb_to_linear
 from service.geometry.chart import NO_PART, nearest_inside
-from service.image_filters import blurred, by_strips, most, shrunk
+from service.image_filters import blurred, by_strips, each_around, shrunk
 from service.reflectance.albedo.corrections import DARKEST
 from service.reflectance.planes import read_window
 from service.reflectance.subject import Subject, margin
@@ -134,6 +134,8 @@ def pad_parts(albedo: Codes, subject: Subject) -> Codes:
 
 CODED_POWER, CODED_LIFT = 1 / 2.4, 0.055 * FULL_CODE
 """Of the sRGB curve above its toe: a factor on linear values is its power on codes that are lifted by so much."""
+LEAST_CHANGE = 1e-3
+"""Share of a code; strips and columns of the map in which nothing changes by more stay as they are."""
 
 
 def scaled(albedo: Codes, factor: Float32) -> Codes:
@@ -143,16 +145,14 @@ def scaled(albedo: Codes, factor: Float32) -> Codes:
         albedo: (H, W, 3) sRGB codes.
         factor: (3, h, w) positive, on linear albedo, interpolated.
     """
-    height, width = albedo.shape[:2]
     powers = np.power(factor, np.float32(CODED_POWER))
 
-    def scale(strip: slice) -> None:
-        power = read_window(powers, (width, height), strip)
-        chosen = most(np.abs(power - 1)) > 1e-3
-        lifted = (albedo[strip][chosen] + np.float32(CODED_LIFT)) * power[chosen] - np.float32(CODED_LIFT)
-        albedo[strip][chosen] = np.rint(np.clip(lifted, 0, FULL_CODE)).astype(albedo.dtype)
+    def scale(rows: slice, columns: slice) -> None:
+        power, part = read_window(powers, albedo.shape[1::-1], rows, columns), albedo[rows, columns]
+        lifted = (part + np.float32(CODED_LIFT)) * power - np.float32(CODED_LIFT)
+        part[:] = np.rint(np.clip(lifted, 0, FULL_CODE))
 
-    by_strips(height, scale)
+    each_around(np.abs(powers - 1).max(0) > LEAST_CHANGE, albedo.shape, scale)
     return albedo
 
 

@@ -15,19 +15,19 @@ compressed no texel changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import AnyFloat, Bool, Float32, Int64, UInt8, UInt16
+from service.arrays import AnyFloat, Float32, Int64, UInt8, UInt16
 from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.image_filters import blurred, by_strips, marked_columns, most, shrunk
+from service.image_filters import blurred, each_around, most, shrunk
 from service.reflectance.planes import read_window
 from service.reflectance.reflectance_maps import NORMAL_ONE, Wrinkle, unpack_normals
 
@@ -279,7 +279,7 @@ def unfolded_albedo(albedo: UInt16, creases: Creases) -> UInt16:
         part = read_window(lacks, albedo.shape[1::-1], rows, columns)
         out[rows, columns] = np.minimum(np.rint(albedo[rows, columns] + np.maximum(part, 0)), 65535)
 
-    _each_around(np.maximum.reduce(lacks) > 1, albedo.shape, lighten)
+    each_around(np.maximum.reduce(lacks) > 1, albedo.shape, lighten)
     return out
 
 
@@ -340,17 +340,5 @@ def unfolded(codes: npt.NDArray[np.int16], fold: Float32) -> npt.NDArray[np.int1
         steep = -np.dstack([x, y]) / np.maximum(z, 0.05)[..., None] - less
         out[rows, columns] = np.where(most(np.abs(less))[..., None] > 0, _codes(steep), own)
 
-    _each_around(most(np.abs(fold)) > 0, codes.shape, unfold)
+    each_around(most(np.abs(fold)) > 0, codes.shape, unfold)
     return out
-
-
-def _each_around(mask: Bool, shape: tuple[int, ...], change: Callable[[slice, slice], None]) -> None:
-    """Call a function of rows and columns for strips of the full map that texels of a small one (h, w) lie on."""
-    tall, wide = shape[:2]
-
-    def work(rows: slice) -> None:
-        columns = marked_columns(mask, (wide, tall), rows)
-        if columns is not None:
-            change(rows, slice(*columns))
-
-    by_strips(tall, work)
