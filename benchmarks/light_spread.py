@@ -23,7 +23,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,7 @@ from benchmarks.subjects import KINDS as SUBJECTS
 from models.tables import tell
 from models.training.regions import region_planes
 from service.colour import linear_to_srgb, srgb_to_linear
+from service.image_filters import shrunk
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -140,17 +141,10 @@ def run(head: TexturedHead, lights: Sequence[str], out: Path, quality: str) -> R
     face = skin & view.skin & region
     coded = linear_to_srgb(albedo[face].astype(np.float32)).astype(np.float64)
     size = (COMPARED_WIDTH, COMPARED_WIDTH * 2 // 3)
-    small = {k: at_size(v, size).astype(np.float64) for k, v in maps.items()}
-    seen = at_size(avatar.texture.confidence, size) >= SEEN
+    small = {k: shrunk(v, size).astype(np.float64) for k, v in maps.items()}
+    seen = shrunk(avatar.texture.confidence, size) >= SEEN
     flat = np.broadcast_to(coded.mean(0), coded.shape)
     return Run(psnr(ours[face], coded), psnr(flat, coded), psnr(texture[face], coded), small, seen)
-
-
-def at_size(values: npt.NDArray[Any], size: tuple[int, ...]) -> npt.NDArray[Any]:
-    """A map averaged to (width, height)."""
-    import cv2
-
-    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
 
 
 @dataclass(frozen=True)
@@ -212,7 +206,7 @@ def table(runs: Mapping[tuple[str, str], Run], kinds: Mapping[str, str], quality
         people = "- | -" if np.isnan(found.over_heads) else f"{255 * found.over_heads:.1f} | {ratio:.2f}"
         lines.append(f"| {name} | {lights} | {people} |")
     texels = f"{seen_by_all(runs).sum()} texels of {COMPARED_WIDTH} x {COMPARED_WIDTH * 2 // 3} are seen in all photos"
-    face = at_size(region_planes(("face",)).numpy()[0], (COMPARED_WIDTH, COMPARED_WIDTH * 2 // 3)) > 0.5
+    face = shrunk(region_planes(("face",)).numpy()[0], (COMPARED_WIDTH, COMPARED_WIDTH * 2 // 3)) > 0.5
     shown = [one.seen[face].mean() for one in runs.values()]
     return [*lines, "", f"At `{quality}`; {texels}, and of one {100 * float(np.mean(shown)):.0f} % of the face."]
 

@@ -18,7 +18,7 @@ from service.geometry.remesh import Subdivision
 from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.head.regions import part_vertices, vertex_mask
-from service.materials.part import MeshPart, part_normals, turned
+from service.materials.part import MeshPart, normal_offsets, part_normals
 from service.reflectance.reflectance_maps import MID, SCALE_MM
 
 vertex_normals = area_normals
@@ -60,11 +60,12 @@ class Piece:
         """(N, 3) offsets of position and of normal of each unit, zero where they are negligible."""
         part, corners = self.part, split_polygons(self.part.polygons)
         moved = {unit: part.targets[unit].astype(np.float32) for unit in units if unit in part.targets}
-        turns = dict(zip(moved, turned(part, corners, list(moved.values())), strict=True))
+        still = part_normals(part, part.neutral, corners)
+        turned = dict(zip(moved, normal_offsets(part, corners, still, list(moved.values())), strict=True))
         none = np.zeros((len(self.vertex), 3), np.float32)
         for unit in units:
             if unit in moved:
-                yield _cut(moved[unit], SMALLEST_OFFSET_M)[self.vertex], _cut(turns[unit], SMALLEST_TURN)[self.vertex]
+                yield _cut(moved[unit], SMALLEST_OFFSET_M)[self.vertex], _cut(turned[unit], SMALLEST_TURN)[self.vertex]
             else:
                 yield none, none
 

@@ -24,7 +24,7 @@ from service.arrays import Float32, Float64, Int64
 from service.hair.groom import Groom
 from service.hair.guides import resampled
 from service.head.files import split_polygons
-from service.materials.part import MeshPart, is_cards, part_normals, turned
+from service.materials.part import MeshPart, is_cards, normal_offsets, part_normals
 
 SMALLEST_OFFSET_M = 2.5e-5
 """Shorter offsets of a blendshape are left out."""
@@ -137,7 +137,7 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
         weights = np.tile(np.eye(len(JOINTS), dtype=np.float32)[JOINTS.index(part.bone)], (len(part.neutral), 1))
     influences, indices = _influences(weights)
     both = np.concatenate([part.vertices, part.neutral])
-    turns = turned(part, corners, list(shapes.values()))
+    turned = normal_offsets(part, corners, still, list(shapes.values()))
     chart, across = _chart(part)
     paths = ", ".join(f"</Head/{part.name}/{name}>" for name in shapes)
     values: dict[str, str | None] = {
@@ -161,7 +161,7 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
         "normal3f[] normals": (_VERTEX,), "texCoord2f[] primvars:st": (across,),
         "int[] primvars:skel:jointIndices": influence, "float[] primvars:skel:jointWeights": influence,
     }  # fmt: skip
-    below = [_shape(name, offsets, turn) for (name, offsets), turn in zip(shapes.items(), turns, strict=True)]
+    below = [_shape(name, offsets, turn) for (name, offsets), turn in zip(shapes.items(), turned, strict=True)]
     return Prim("Mesh", part.name, values, facts, ("MaterialBindingAPI", "SkelBindingAPI"), below)
 
 

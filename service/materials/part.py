@@ -195,9 +195,12 @@ POSES = 8
 """Whose normals are computed at a time: those of 52 blendshapes take 100 MB more for a moment."""
 
 
-def turned(part: MeshPart, triangles: AnyInt, offsets: Sequence[Float32]) -> Iterator[Float32]:
-    """(N, 3) by how much :func:`part_normals` change with each of several offsets (N, 3) from the neutral part."""
-    still = part_normals(part, part.neutral, triangles)
+def normal_offsets(
+    part: MeshPart, triangles: AnyInt, still: Float32, offsets: Sequence[Float32]
+) -> Iterator[Float32]:
+    """(N, 3) by how much :func:`part_normals` differ from those of the neutral part, ``still``, with each of several
+    offsets (N, 3) of its vertices.
+    """
     for first in range(0, len(offsets), POSES):
         posed = part.neutral + np.stack(offsets[first : first + POSES])
         yield from part_normals(part, posed, triangles) - still

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, Codes, linear_to_srgb, luma, srgb_to_linear
-from service.image_filters import blurred, by_strips, least, marked_columns, most, ramp, shrunk, stretched_to
+from service.image_filters import blurred, each_around, least, most, ramp, shrunk, stretched_to
 from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo.corrections import Correction, Ledger, changed_texels
 from service.reflectance.planes import read_window
@@ -72,11 +72,8 @@ def without_highlights(
     if ledger is not None:
         ledger.count(HIGHLIGHTS, *changed_texels(bare, bare + change))
 
-    def mend(strip: slice) -> None:
-        reached = marked_columns(marked, (width, height), strip)
-        if reached is None:
-            return
-        place = (strip, slice(*reached))
+    def mend(rows: slice, columns: slice) -> None:
+        place = rows, columns
         added, coarse, share = (read_window(planes, (width, height), *place) for planes in (changes, colours, [told]))
         chosen = (most(np.abs(added)) > 1e-4) & (skin[place] == 255)
         linear = srgb_to_linear(albedo[place][chosen] * np.float32(1 / FULL_CODE))
@@ -88,7 +85,7 @@ def without_highlights(
             grey[place][chosen] = np.clip(grey[place][chosen] + more, 0, FULL_CODE).astype(np.uint16)
         albedo[place][chosen] = changed
 
-    by_strips(height, mend)
+    each_around(marked, albedo.shape, mend)
     return albedo
 
 
