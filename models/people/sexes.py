@@ -40,7 +40,7 @@ def with_sex(identity: Float, male: bool, spread: float) -> Float:
     way = manly()
     length = float(np.linalg.norm(way))
     unit = way / max(length, 1e-6)
-    along = (0.5 if male else -0.5) * length + 0.2 * length * spread
+    along = (0.35 if male else -0.35) * length + 0.25 * length * spread
     return np.asarray(identity + (along - float(identity @ unit)) * unit, np.float32)
 
 

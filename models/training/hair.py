@@ -4,8 +4,9 @@
     python -m models.people --framing hair --count 256 --out SHARDS                     # held out
     python -m models.training.hair --data SHARDS --out RUN
 
-A run begins with the body of the shipped reader and goes on from its checkpoint. ``log.jsonl`` gets a line for each
-measurement on held-out people, whose grooms are never trained on.
+A run begins with the body of the shipped reader, or with the shipped hair reader (``--shipped --rate 4e-4``), and goes
+on from its checkpoint. ``log.jsonl`` gets a line for each measurement on held-out people, whose grooms are never
+trained on.
 """
 
 from __future__ import annotations
@@ -87,13 +88,29 @@ class Run(PeopleRun[HairReader]):
         super().__init__("hair", folder, network, optimiser, network.body.size)
         self.go_on(self.device)
 
-    def train_step(self, batch: HairBatch, left: float) -> dict[str, float]:
-        """One step; ``left`` is the share of the run that remains.
+    def take_shipped(self) -> None:
+        """Begin with the service's own weights; what calibrated them is made anew when the run is exported.
+
+        Raises:
+            ModelFault: the file is missing, or holds a network of another size.
+        """
+        found = weights_of(MODELS / "hair.onnx")
+        state = self.network.state_dict()
+        for name, values in state.items():
+            if not name.startswith(("sharpness", "body.fields.", "body.parts.")):  # the body's own outputs do not ship
+                if name not in found or found[name].shape != values.shape:
+                    raise ModelFault(f"hair.onnx has no {name} of {tuple(values.shape)}: give the size that ships")
+                state[name] = found[name]
+        self.network.load_state_dict(state)
+        self.average.load_state_dict(state)
+
+    def train_step(self, batch: HairBatch, left: float, rate: float = RATE) -> dict[str, float]:
+        """One step; ``left`` is the share of the run that remains, ``rate`` its highest learning rate.
 
         Raises:
             ModelFault: the loss is not finite.
         """
-        self.set_rate(RATE * min((self.step + 1) / WARM_UP_STEPS, 1.0) * max(min(left / 0.5, 1.0), 0.02))
+        self.set_rate(rate * min((self.step + 1) / WARM_UP_STEPS, 1.0) * max(min(left / 0.5, 1.0), 0.02))
         batch = batch.to(self.device)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16):
             read = self.network.read(batch.image)
@@ -136,8 +153,9 @@ def calibration_set(paths: list[Path]) -> HairBatch:
 
 
 def train(
-    run: Run, data: Path, steps: int, sitting: float, batch: int, every: int, most: int, seed: int = 0, workers: int = 0
-) -> None:
+    run: Run, data: Path, steps: int, sitting: float, batch: int, every: int, most: int, rate: float = RATE,
+    seed: int = 0, workers: int = 0,
+) -> None:  # fmt: skip
     """Train to ``steps``, at most ``sitting`` minutes now; measure every ``every`` steps. New shards are taken in.
 
     Args:
@@ -148,6 +166,7 @@ def train(
         batch: crops of a step.
         every: steps between measurements.
         most: held-out people to measure on.
+        rate: highest learning rate.
         seed: of all chance.
         workers: processes that cut the crops; 0: this one does.
 
@@ -161,7 +180,7 @@ def train(
     begun, before = time.monotonic(), run.seconds
     sums: dict[str, float] = {}
     while run.step < steps and time.monotonic() - begun < 60 * sitting:
-        for name, value in run.train_step(next(made), 1 - run.step / steps).items():
+        for name, value in run.train_step(next(made), 1 - run.step / steps, rate).items():
             sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
         run.seconds = before + time.monotonic() - begun
         if run.step % every == 0 or run.step >= steps:
@@ -186,6 +205,8 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=250, help="steps between measurements")
     parser.add_argument("--most", type=int, default=128, help="held-out people to measure on")
     parser.add_argument("--batch", type=int, default=12)
+    parser.add_argument("--rate", type=float, default=RATE, help="highest learning rate")
+    parser.add_argument("--shipped", action="store_true", help="a run that has not begun takes the service's weights")
     parser.add_argument("--threads", type=int, default=0, help="of torch; 0 leaves its own choice")
     parser.add_argument("--bf16", action="store_true", help="bfloat16: 1.8 times as fast where the processor has it")
     parser.add_argument("--size", choices=SIZES, default="broad")
@@ -196,8 +217,10 @@ def main() -> None:
         torch.set_num_threads(chosen.threads)
     chosen.out.mkdir(parents=True, exist_ok=True)
     run = Run(chosen.out, bf16=chosen.bf16, device=chosen.device, size=SIZES[chosen.size])
+    if chosen.shipped and not run.step:
+        run.take_shipped()
     lengths = chosen.steps, chosen.sitting, chosen.batch, chosen.every, chosen.most
-    train(run, chosen.data, *lengths, workers=chosen.workers)
+    train(run, chosen.data, *lengths, chosen.rate, workers=chosen.workers)
 
 
 if __name__ == "__main__":

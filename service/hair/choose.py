@@ -139,6 +139,7 @@ def _changes() -> Iterator[Change]:
         yield lambda s, d=shift: dataclasses.replace(s, receding=float(np.clip(s.receding + d, 0, 1)))  # type: ignore[misc]
         low = 0.045 * sign
         yield lambda s, d=low: s if s.cut_y is None else dataclasses.replace(s, cut_y=s.cut_y + d)  # type: ignore[misc]
+    yield lambda s: s if s.gather != "none" else dataclasses.replace(s, receding=1.0, crown=1.0, parting="none")
     for parting in ("left", "middle", "right", "none"):
         yield lambda s, p=parting: s if s.gather != "none" else dataclasses.replace(s, parting=p)  # type: ignore[misc]
     for combing in ("forward", "side", "back"):

@@ -46,6 +46,9 @@ RISES_M = 0.007
 NAPE_M = (-0.095, -0.06)
 """Heights in the head's frame up to which nothing grows on the nape, and from which on hair is full; fluff between."""
 
+BRIDGE_RAD = (0.5, 0.9)
+"""Elevations between which hair thins out upwards where baldness of temples and crown have met: a horseshoe is left."""
+
 
 def grown(roots: Roots, style: Style, rng: np.random.Generator) -> Roots:
     """Roots that this style's hairline, temples and crown leave."""
@@ -55,8 +58,16 @@ def grown(roots: Roots, style: Style, rng: np.random.Generator) -> Roots:
     wander = sum(np.sin(k * azimuth + p) / k for k, p in zip((3, 5, 9), phase, strict=True))
     keep = roots.edge + style.hairline * (0.15 * wander - 0.1)
     keep = keep - style.receding * recedes(roots) - style.crown * 1.6 * crown
+    met = float(smoothstep(np.float32(style.receding * style.crown), 0.25, 0.6))
+    keep = keep - 1.6 * met * bridge(roots, 0.08 * wander)
     keep = keep - smoothstep(roots.position[:, 1] + 0.004 * wander, NAPE_M[1], NAPE_M[0])
     return roots.chosen(keep > rng.uniform(-0.02, 0.22, len(roots)))
+
+
+def bridge(roots: Roots, wander: Float32 | float = 0.0) -> Float32:
+    """(N,) float32 in [0, 1]: what is lost last, between temples and crown, above the horseshoe that is never lost."""
+    front = np.exp(-np.square(roots.azimuth / 0.7))
+    return smoothstep(roots.elevation + wander + 0.5 * front, *BRIDGE_RAD)
 
 
 def recedes(roots: Roots) -> Float32:

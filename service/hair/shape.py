@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from service.arrays import Bool, Float32, Float64
 from service.hair.groom import Groom, make_groom
-from service.hair.guides import Combing, recedes, resampled
+from service.hair.guides import Combing, bridge, recedes, resampled
 from service.hair.reading import CELLS
 from service.hair.scalp import CENTRE, CROWN, Scalp, unit
 from service.hair.sight import Sight
@@ -335,19 +335,26 @@ def seen_share(strands: Float32, sight: Sight) -> Float32:
     return np.asarray(shown.mean(1), np.float32)
 
 
+BALD_TOP = 0.6
+"""Share of the top that the photo shows bare from which on the crown behind it is bald, too."""
+
+
 def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
     """The style without thinning that the photo does not show.
 
-    It does not show how densely hair grows nor, from the front, whether the crown is bald; where it shows hair at the
-    temples, or a hat, that has not receded beside them either.
+    It does not show how densely hair grows nor, from the front, whether the crown is bald, unless all before it is;
+    where it shows hair at the temples, or a hat, that has not receded beside them either.
     """
     roots = skin.even
     cell, seen = sight.visible(*sight.project(roots.position))
-    facing = sight.faces(roots) > 0
-    weight = recedes(roots) * (seen & facing)
-    bare = float((weight * (sight.known * (1 - sight.hair))[cell]).sum() / max(float(weight.sum()), 1e-6))
-    crown = style.crown if sight.visible(*sight.project(CROWN))[1] else 0.0
-    return dataclasses.replace(style, density=1.0, crown=crown, receding=style.receding * bare)
+    shown = seen & (sight.faces(roots) > 0)
+    without = (sight.known * (1 - sight.hair))[cell]
+    temples, top = (
+        float((weight * without).sum() / max(float(weight.sum()), 1e-6))
+        for weight in (recedes(roots) * shown, bridge(roots) * shown)
+    )
+    crown = style.crown if top > BALD_TOP or sight.visible(*sight.project(CROWN))[1] else 0.0
+    return dataclasses.replace(style, density=1.0, crown=crown, receding=style.receding * temples)
 
 
 def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> tuple[Groom, Float32]:

@@ -252,7 +252,9 @@ def sample_style(seed: int, chance: Mapping[str, float] = _CHANCE) -> Style:
             changes |= {"fringe_mm": float(rng.uniform(45, 95)), "parting": "none", "kind": f"{base.kind}_fringe"}
         changes["fade"] = min(_near(base.fade, 0.1, rng), 0.4) if rng.random() < 0.4 else 0.0
         changes["receding"] = float(np.clip(rng.normal(0, 0.5), 0, 1)) if rng.random() < 0.5 else 0.0
-        changes["crown"] = float(rng.uniform(0.3, 1)) if rng.random() < 0.12 else 0.0
+        changes["crown"] = float(rng.uniform(0.3, 1)) if rng.random() < 0.3 else 0.0
+        if changes["crown"] and rng.random() < 0.5:  # temples and crown have met: a horseshoe is left
+            changes |= {"receding": float(rng.uniform(0.6, 1)), "crown": float(rng.uniform(0.6, 1)), "parting": "none"}
     elif base.kind == "ponytail":
         gather = str(rng.choice(["ponytail", "ponytail", "half_up", "plait", "two_plaits", "pinned"]))
         changes |= {"gather": gather, "tie_y": float(rng.uniform(-0.07, 0.075))}

@@ -103,6 +103,9 @@ def test_no_crown_is_bald_that_the_photo_does_not_show() -> None:
     front, above = (photographed(NAMED["crop"], 3, HEAD, pitch=pitch) for pitch in (0.0, -60.0))
     assert seen_thinning(bald, front.sight, SKIN).crown == 0 and seen_thinning(bald, front.sight, SKIN).receding < 0.4
     assert seen_thinning(bald, above.sight, SKIN).crown == 1
+    horseshoe = photographed(dataclasses.replace(NAMED["crop"], crown=1.0, receding=1.0), 3, HEAD)
+    kept = seen_thinning(bald, horseshoe.sight, SKIN)
+    assert kept.crown == 1 and kept.receding > 0.5, "all of the top is bare from the front"
 
 
 def test_styles_that_are_tried_are_gathered_as_the_reading_says() -> None:

@@ -18,6 +18,7 @@ from service.hair.colour import (
     reflected,
 )
 from service.hair.groom import make_groom
+from service.hair.guides import grown
 from service.hair.scalp import mean_scalp
 from service.hair.style import NAMED, WAVES, sample_style
 from service.head.files import load_head
@@ -51,6 +52,20 @@ def test_random_styles_are_sound_and_repeat(seed: int) -> None:
     np.testing.assert_array_equal(one.strands, same.strands)
     np.testing.assert_array_equal(one.colour.melanin, same.colour.melanin)
     assert np.isfinite(one.strands).all()
+
+
+def test_baldness_of_temples_and_crown_meets_and_leaves_a_horseshoe() -> None:
+    """Would break: lost one by one they leave a bridge of hair from side to side over a bald head."""
+    roots = mean_scalp().roots(4000, np.random.default_rng(1))
+
+    def left(receding: float, crown: float) -> tuple[float, float]:
+        style = dataclasses.replace(NAMED["crop"], receding=receding, crown=crown)
+        kept = grown(roots, style, np.random.default_rng(2)).elevation
+        return tuple((kept > low).sum() / (roots.elevation > low).sum() for low in (0.95, -9.0))  # type: ignore[return-value]
+
+    assert left(1, 0)[0] > 0.5 and left(0, 1)[0] > 0.3
+    top, whole = left(1, 1)
+    assert top < 0.02 and whole > 0.3
 
 
 @pytest.mark.parametrize(("gather", "most_m"), [("ponytail", 0.08), ("bun", 0.09)])
