@@ -28,6 +28,7 @@ from models.training.hair_data import FIRST, HairBatch, HairCrops, People, batch
 from models.training.people_run import CHECKPOINT, PeopleRun, batches
 from models.training.reader import shards
 from models.training.restore import weights_of
+from service.errors import ModelFault
 from service.hair.kinds import KINDS
 from service.runtime.sessions import MODELS
 
