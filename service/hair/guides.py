@@ -58,7 +58,7 @@ def grown(roots: Roots, style: Style, rng: np.random.Generator) -> Roots:
     wander = sum(np.sin(k * azimuth + p) / k for k, p in zip((3, 5, 9), phase, strict=True))
     keep = roots.edge + style.hairline * (0.15 * wander - 0.1)
     keep = keep - style.receding * recedes(roots) - style.crown * 1.6 * crown
-    met = float(smoothstep(np.float32(style.receding * style.crown), 0.25, 0.6))
+    met = float(np.clip((style.receding * style.crown - 0.25) / 0.35, 0, 1))
     keep = keep - 1.6 * met * bridge(roots, 0.08 * wander)
     keep = keep - smoothstep(roots.position[:, 1] + 0.004 * wander, NAPE_M[1], NAPE_M[0])
     return roots.chosen(keep > rng.uniform(-0.02, 0.22, len(roots)))
