@@ -122,6 +122,7 @@ def example(people: People, i: int, rng: np.random.Generator | None = None, behi
         own = np.maximum(own, hair)[..., None]
         picture = picture * own + behind * (1 - own)
     if rng is not None:
+        picture = other_hair(picture, hair, rng)
         if rng.random() < 0.5:
             picture, hair, inside = (np.ascontiguousarray(a[:, ::-1]) for a in (picture, hair, inside))
             way = np.ascontiguousarray(way[:, ::-1]) * np.array([-1, 1], np.float32)
@@ -139,6 +140,23 @@ def example(people: People, i: int, rng: np.random.Generator | None = None, behi
     image, *rest = (torch.from_numpy(np.ascontiguousarray(a, np.float32))[None] for a in arrays)
     ends = torch.tensor([[float(people["ends_m"][i])]])
     return HairBatch(image, rest[0], rest[1], rest[2], rest[3], torch.from_numpy(kinds)[None], ends)
+
+
+def other_hair(picture: Image, hair: Image, rng: np.random.Generator) -> Image:
+    """A crop (224, 224, 3) whose hair, by its share (224, 224) of each pixel, may have lost its strands or its colour.
+
+    Photos that are soft, overexposed or made small show a body of hair without strands, and hair of any brightness.
+    """
+    share = hair[..., None]
+    if rng.random() < 0.4:
+        sigma = float(np.exp(rng.uniform(0.4, 2.2)))
+        around = cv2.GaussianBlur(hair, (0, 0), sigma)[..., None]
+        smooth = cv2.GaussianBlur(picture * share, (0, 0), sigma) / np.maximum(around, 1e-3)
+        picture = picture + rng.uniform(0.5, 1) * share * (smooth - picture)
+    if rng.random() < 0.3:
+        gain = np.exp(rng.normal(0, 0.35) + rng.normal(0, 0.08, 3))
+        picture = picture * (1 + share * (gain - 1))
+    return np.asarray(np.clip(picture, 0, 255), np.float32)
 
 
 def spoilt(picture: Image, inside: Image, rng: np.random.Generator) -> tuple[Image, Image]:

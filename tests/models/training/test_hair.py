@@ -16,7 +16,7 @@ from models.networks.hair import COUNTS, HairReader  # noqa: E402
 from models.people.make import Portrait  # noqa: E402
 from models.people.shards import UNKNOWN, encode, save  # noqa: E402
 from models.training.hair import Run, losses, measured, train  # noqa: E402
-from models.training.hair_data import PARTING, batch_of, draw, example, read_people  # noqa: E402
+from models.training.hair_data import PARTING, batch_of, draw, example, other_hair, read_people  # noqa: E402
 from service.face.detection import EYE_LEFT, EYE_RIGHT, MOUTH  # noqa: E402
 from service.face.reading import part_labels as labels  # noqa: E402
 from service.geometry.camera import Camera  # noqa: E402
@@ -83,6 +83,23 @@ def test_a_mirrored_crop_has_its_parting_on_the_other_side(shards: Path) -> None
             continue
         across = float(one.direction[0, 0][inner].mean())
         assert PARTINGS[int(one.kinds[0, PARTING])] == ("left" if across > 0 else "right")
+
+
+def test_hair_may_lose_its_strands_or_its_colour_and_nothing_else_does() -> None:
+    """Would break: a blur over the hair's edge, which would draw skin into it and hair over the skin."""
+    rng = np.random.default_rng(0)
+    hair = np.zeros((224, 224), np.float32)
+    hair[40:160, 60:170] = 1
+    picture = np.where(hair[..., None] > 0, rng.uniform(40, 80, (224, 224, 3)), 200).astype(np.float32)
+    made = [other_hair(picture, hair, np.random.default_rng(k)) for k in range(40)]
+    assert all(np.array_equal(one[hair == 0], picture[hair == 0]) for one in made)
+    inside = hair > 0
+    rough = [one[inside].std(0).mean() / max(float(one[inside].mean()), 1.0) for one in made]
+    plain = picture[inside].std(0).mean() / picture[inside].mean()
+    assert min(rough) < 0.4 * plain and max(rough) < 1.1 * plain
+    assert len({round(float(one[inside].mean())) for one in made}) > 8
+    nothing = other_hair(picture, np.zeros_like(hair), np.random.default_rng(1))
+    np.testing.assert_array_equal(nothing, picture)
 
 
 def test_the_truth_costs_less_than_anything_else(shards: Path) -> None:
