@@ -33,6 +33,7 @@ from service.reflectance.albedo.corrections import (
     LightCorrection,
     beside_lit,
     corrected,
+    evenness,
 )
 from service.reflectance.albedo.highlights import HIGHLIGHTS
 from service.reflectance.albedo.several_lights import agreed_light, photo_planes
@@ -67,7 +68,7 @@ class Found:
     Attributes:
         light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
         albedo: (3, h, w) natural logarithm of the texture less that light, at most ``BRIGHTEST``.
-        believed: (h, w) in [0, 1], 1 on lit skin and on what is narrow in it: brows, lids.
+        believed: (h, w) in [0, 1], 1 on lit skin and on what is narrow in it, brows and lids, where the light is even.
         between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
         clues: (K, h, w) to how sure the albedo is, ``service.reflectance.albedo.albedo_prior``.
     """
@@ -117,7 +118,8 @@ def found_by(
     albedo = np.log(np.clip(start.texture, DARKEST, None)) - np.clip(whole.light, -6, 6)
     albedo = np.minimum(albedo, np.float32(np.log(BRIGHTEST)))
     between = light_between_lids(on_skin.light, start.lit)
-    return Found(whole.light, albedo, beside_lit(start.weight), between, clue_planes)
+    believed = beside_lit(start.weight)
+    return Found(whole.light, albedo, believed * evenness(whole.light, believed), between, clue_planes)
 
 
 def _seen_by(network: Network, planes: Planes) -> tuple[ChartLight, Float32, bool]:

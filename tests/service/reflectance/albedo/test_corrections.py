@@ -14,6 +14,7 @@ from service.reflectance.albedo.corrections import (
     FEW,
     as_seen_skin,
     continued,
+    evenness,
     less_contrast,
     with_shade_floor,
     within_skin,
@@ -39,6 +40,15 @@ def test_no_lit_skin_leaves_the_light_as_it_is_and_all_is_finite() -> None:
     assert np.array_equal(less_contrast(light, np.zeros(SHAPE, np.float32)), light)
     assert np.isfinite(less_contrast(light, 1e-6 * EVERYWHERE)).all()
     assert np.allclose(less_contrast(light, EVERYWHERE, kept=1.0), light, atol=1e-5)
+
+
+def test_light_is_believed_where_it_is_even() -> None:
+    """Its shade stayed in the albedo: dark eye sockets and pale rims of the face in the light of one lamp."""
+    light = np.where(X < 144, -1.5, 0.0)[None] * np.ones((3, 1, 1))
+    told = evenness(light.astype(np.float32), EVERYWHERE)
+    assert told[:, 138:150].max() < 0.3
+    assert told[:, :72].min() > 0.95
+    assert np.isfinite(evenness(light.astype(np.float32), 0 * EVERYWHERE)).all()
 
 
 LIT = np.ones((12, 16), np.float32)
