@@ -17,22 +17,25 @@ class RegisteredMap:
         name: in options and manifest; the archive's file is maps/NAME.png.
         made_by: "networks", by a stage of the reflectance; "surface", from these and the mesh; "photo", by the texture
             stage.
-        kind: what its values are: "colour" in [0, 1], "normal" components of unit vectors, "height" and "length" in mm.
+        kind: what its values are: "colour" in [0, 1], "normal" components of unit vectors, "height" and "length" in mm,
+            "count" of photos.
         colour_space: "srgb", "linear" or "data" (vectors).
         meaning: of a value, for the manifest.
         needs: stage of the reflectance whose result it is, or is made from; None: no stage of it.
         bits: of a component; None: as many as the options request of normals.
         framed: whether the options choose the frame of its normals; others are in object space.
+        beside: the map with which it is requested; None: it is requested by its own name.
     """
 
     name: str
     made_by: Literal["networks", "surface", "photo"]
-    kind: Literal["colour", "normal", "height", "length"]
+    kind: Literal["colour", "normal", "height", "length", "count"]
     colour_space: Literal["srgb", "linear", "data"]
     meaning: str
     needs: str | None = None
     bits: Literal[8, 16] | None = 8
     framed: bool = False
+    beside: str | None = None
 
     @property
     def path(self) -> str:
@@ -43,7 +46,7 @@ class RegisteredMap:
 _FRAMES = "tangent: x along u, y up (OpenGL, glTF), z out; object: as for shape_normal"
 
 WRINKLE = "wrinkle_"
-"""Prefix of the names of maps of folds, which come with the specular normals; the rest is the name of the fold, of
+"""Prefix of the names of maps of folds; the rest is the name of the fold, of
 ``service.reflectance.relief.folds.GROUPS``."""
 
 SEEN = 128
@@ -77,7 +80,7 @@ MAPS = (
         RegisteredMap(
             WRINKLE + fold, "networks", "normal", "data",
             f"unit normal of folds that the photo's expression makes and the other maps are without. {_FRAMES}",
-            "specular_normal", bits=None, framed=True,
+            "specular_normal", bits=None, framed=True, beside="specular_normal",
         )
         for fold in ("brows", "eyes", "smile", "mouth")
     ),
@@ -105,13 +108,16 @@ MAPS = (
         f"0: made up",
     ),
     RegisteredMap(
+        "seen_by", "photo", "count", "linear", "of several photos so many show the texel", beside="confidence",
+    ),
+    RegisteredMap(
         "shape_normal", "photo", "normal", "data",
         "unit normal of mesh/head.obj: R = +X, the subject's left; G = +Y, up; B = +Z, out of the face", bits=None,
     ),
 )  # fmt: skip
 """All maps, in the order of the archive."""
 
-MAP_NAMES = tuple(one.name for one in MAPS if not one.name.startswith(WRINKLE))
+MAP_NAMES = tuple(one.name for one in MAPS if one.beside is None)
 """Maps that can be requested, in the order of the archive."""
 
 

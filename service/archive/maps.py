@@ -43,6 +43,8 @@ def coding(entry: RegisteredMap, bits: int) -> tuple[float, float]:
         return normal_coding(bits)
     if entry.kind == "length":
         return (0, CODES_PER_MM)
+    if entry.kind == "count":
+        return (0, 1)
     return (MID, round(1 / SCALE_MM)) if entry.kind == "height" else (0, 2**bits - 1)
 
 
@@ -58,12 +60,10 @@ def in_object_space(avatar: Avatar) -> bool:
     return avatar.options.get("normals") == "object"
 
 
-def map_wanted(avatar: Avatar, role: str) -> bool:
-    """Whether the options request a map; without a list they request all. Wrinkles come with the specular normals."""
-    if role.startswith(WRINKLE):
-        role = "specular_normal"
+def map_wanted(avatar: Avatar, entry: RegisteredMap) -> bool:
+    """Whether the options request a map, or the one beside which it comes; without a list they request all."""
     chosen = avatar.options.get("maps")
-    return chosen is None or role in chosen
+    return chosen is None or (entry.beside or entry.name) in chosen
 
 
 def rows_of(entry: RegisteredMap, avatar: Avatar) -> Rows | None:
@@ -74,7 +74,8 @@ def rows_of(entry: RegisteredMap, avatar: Avatar) -> Rows | None:
         if entry.kind == "normal":
             return Rows.of(quantise_normals(texture.shape_normal_object, bits))
         own = avatar.own_texture if entry.name == "texture" else None
-        return Rows.of(getattr(texture, entry.name) if own is None else own)
+        shown = getattr(texture, entry.name) if own is None else own
+        return None if shown is None else Rows.of(shown)
     wrinkle = wrinkle_of(avatar, entry.name)
     made = (getattr(one, entry.name, None) for one in (avatar.reflectance, avatar.surface))
     codes: Any = next((one for one in made if one is not None), None) if wrinkle is None else wrinkle.normal
@@ -217,5 +218,5 @@ def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Sc
 
 def map_files(avatar: Avatar) -> MapFiles:
     """Where the meshes find the maps of the chart; normals in object space are no use to them."""
-    there = [one for one in MAPS if map_wanted(avatar, one.name) and rows_of(one, avatar) is not None]
+    there = [one for one in MAPS if map_wanted(avatar, one) and rows_of(one, avatar) is not None]
     return MapFiles([one.name for one in there if not (one.framed and in_object_space(avatar))])

@@ -113,7 +113,7 @@ def _meshes(
 
 def _maps(avatar: Avatar) -> dict[str, bytes]:
     """PNG bytes by path; on two threads, as compression takes most of the time and releases the GIL."""
-    wanted = [one for one in MAPS if map_wanted(avatar, one.name)]
+    wanted = [one for one in MAPS if map_wanted(avatar, one)]
     with ThreadPoolExecutor(2) as pool:
         packed = pool.map(lambda one: encode_map(one, avatar), wanted)
         return {one.path: data for one, data in zip(wanted, packed, strict=True) if data is not None}

@@ -54,6 +54,7 @@ class PhotoTexture:
         seen: (H, W) uint8, 255 where it shows the head's own surface.
         share: (H, W) uint8, 255 where the texture is this photo's alone.
         gain: (H, W, 3) float32, natural logarithm of linear RGB: of the texture's light over this photo's.
+        white: (3,) linear RGB, ``Fit.eye_light`` of this photo; None: it does not tell.
     """
 
     texture: UInt8
@@ -61,6 +62,7 @@ class PhotoTexture:
     seen: UInt8
     share: UInt8
     gain: Float32
+    white: Float64 | None = None
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,11 @@ class Texture:
     def legible(self) -> UInt8:
         """(H, W, 3) uint8 sRGB in the photo's light, what albedo is told from."""
         return self.texture if self.bright is None else self.bright
+
+    @property
+    def seen_by(self) -> UInt8 | None:
+        """(H, W) uint8, how many of several photos show the texel; None: there is one photo."""
+        return np.sum([one.seen > 127 for one in self.photos], 0, np.uint8) if self.photos else None
 
 
 OVERALL_SMOOTHNESS = 12.0
@@ -301,7 +308,7 @@ def make_texture(
     return Texture(
         to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings,
         to_bytes(parts.albedo), parts.iris, parts.tooth, roots,
-        _per_photo(chart, layers, mixed, parts.colour) if others else (), bright,
+        _per_photo(chart, layers, mixed, parts.colour, [one for _, one, _ in views]) if others else (), bright,
     )  # fmt: skip
 
 
@@ -333,11 +340,13 @@ def _layer(
     return Layer(unwrapped, part, weight, segment(chart, unwrapped, part, zones))
 
 
-def _per_photo(chart: Chart, layers: Sequence[Layer], mixed: Blend, colour: Float32) -> tuple[PhotoTexture, ...]:
+def _per_photo(
+    chart: Chart, layers: Sequence[Layer], mixed: Blend, colour: Float32, fits: Sequence[Fit]
+) -> tuple[PhotoTexture, ...]:
     """What each of several photos shows, what it does not shown as by the others in its light."""
     linear = srgb_to_linear(np.clip(colour, 0, 1))
     found = []
-    for layer, share, gain in zip(layers, mixed.shares, mixed.gains, strict=True):
+    for layer, share, gain, fit in zip(layers, mixed.shares, mixed.gains, fits, strict=True):
         seen = (layer.found.seen * (layer.unwrapped.weight > 0))[:, None]
         elsewhere = linear_to_srgb(np.clip(linear * np.exp(-gain), 0, 1))
         own = elsewhere + seen * (layer.unwrapped.colour - elsewhere)
@@ -345,7 +354,7 @@ def _per_photo(chart: Chart, layers: Sequence[Layer], mixed: Blend, colour: Floa
         image = to_bytes(np.clip(chart.fill_outside(chart.spread(planes)), 0, 1))
         field = chart.fill_outside(chart.spread(gain))
         lit, shown, part = np.moveaxis(image[..., 3:], 2, 0).copy()
-        found.append(PhotoTexture(image[..., :3].copy(), lit, shown, part, field))
+        found.append(PhotoTexture(image[..., :3].copy(), lit, shown, part, field, fit.eye_light))
     return tuple(found)
 
 

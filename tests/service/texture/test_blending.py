@@ -59,3 +59,12 @@ def test_shares_of_the_photos_add_up_where_any_shows_the_head() -> None:
     total = np.sum([one.share.astype(int) for one in whole.photos], 0)
     where = SKIN_MASK & np.any([one.seen > 128 for one in whole.photos], 0)
     assert (np.abs(total[where] - 255) <= 2).mean() > 0.99
+
+
+def test_it_is_known_how_many_photos_show_a_texel() -> None:
+    whole, alone = textured(seen(0, checks), seen(-50, checks)), textured(seen(0, checks))
+    assert whole.seen_by is not None and alone.seen_by is None
+    assert set(np.unique(whole.seen_by[SKIN_MASK])) == {0, 1, 2}
+    squarely = SKIN_MASK & (alone.confidence > 240)
+    assert (whole.seen_by[squarely] >= 1).all()
+    assert (whole.seen_by[SKIN_MASK & (whole.confidence < SEEN)] == 0).mean() > 0.9
