@@ -65,6 +65,10 @@ SLENDER = 0.045
 """Half width over length up to which a ribbon is taken for a lock and not for a shard."""
 LONGER = 0.05
 """Share of its length by which a ribbon reaches beyond its mean tip, for the strands that are longer."""
+BEFORE_M = 0.002
+"""How far before its first roots a ribbon begins within the scalp, so that those that part overlap."""
+OFF_M = 0.0025
+"""Least distance of a ribbon from the skin beyond its roots: its quads are straight where the head is round."""
 ROLL = 0.1
 """How much ribbons of one place are turned against each other: enough to break up a sheet."""
 INNER_M = 0.0018
@@ -111,11 +115,11 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     rng = np.random.default_rng([seed, 0xCA4D])
     body = Body.of(groom.strands, scalp)
     colours = groom.colour.linear(TINTS)
-    rows = _rows(groom)
     edge = on_hairline(groom.strands[:, 0])
-    inner_rows = max(ROWS[0], rows // 2)
     cap = _cap(groom, scalp)
     wanted = {name: int(share * max(budget.triangles - len(cap[3]), 0)) for name, share in SHARES.items()}
+    rows = _rows(groom, wanted["body"])
+    inner_rows = max(ROWS[0], rows // 2)
     ribbons = Ribbons.along(groom.strands, rows, wanted["body"] // (2 * rows), body, scalp, rng)
     inner = Ribbons.along(groom.strands, inner_rows, wanted["inner"] // (2 * inner_rows), body, scalp, rng)
     inner = inner.backing(body, scalp)
@@ -125,10 +129,10 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     return _parts(ribbons, inner, hairs, cap, (of_ribbon, of_inner, of_hair), atlas, body)
 
 
-def _rows(groom: Groom) -> int:
-    """Quads of a ribbon."""
+def _rows(groom: Groom, triangles: int) -> int:
+    """Quads of a ribbon: by its length, and more where the strands are too few for as many ribbons as may be drawn."""
     length = float(np.median(np.linalg.norm(np.diff(groom.strands, axis=1), axis=2).sum(1)))
-    return int(np.clip(np.ceil(length / ROW_M), ROWS[0], ROWS[1]))
+    return int(np.clip(np.ceil(max(length / ROW_M, triangles / len(groom))), *ROWS))
 
 
 @dataclass(frozen=True)
@@ -189,10 +193,12 @@ class Ribbons:
         line = _means(label, own, len(number))
         step = line[:, -1] - line[:, -2]
         line[:, -1] += step * LONGER * rows
-        # Half of a bundle's roots lie before their middle: without this, bare scalp shows along partings.
+        # Half of a bundle's roots lie before their middle: without this, bare scalp shows along partings and whorls.
         first = unit(line[:, 1] - line[:, 0])
         before = ((own[:, 0] - line[label, 0]) * first[label]).sum(1, keepdims=True)
-        line[:, 0] -= first * np.sqrt(3 * _means(label, before**2, len(number)))
+        reach = np.sqrt(3 * _means(label, before**2, len(number)))
+        line[:, 0] -= first * (reach + BEFORE_M * ~on_hairline(line[:, 0])[:, None])
+        line[:, 1:] = scalp.pushed(line[:, 1:], OFF_M, 2 * OFF_M)
         line[:, 0] -= (scalp.outside(line[:, 0]) - 2 * CAP_M)[:, None] * scalp.outwards(line[:, 0])
         across = facing(line, body.outwards(line), rng)
         offset = ((own - line[label]) * across[label]).sum(2)
