@@ -25,8 +25,9 @@ DARKEST = 2e-3
 """Linear value at which logarithms stop."""
 OWN_FEATURES = (0.1, 0.3)
 """Probability of brows, lips, eyes and mouth up to which lines count, and from which on they are features."""
-SURE_HAIR, SURE_SKIN, NO_HAIR = 0.6, 0.9, 0.03
-"""Least probability of what tells the colour of hair and of skin, and the most of hair on such skin."""
+SURE_HAIR, SURE_SKIN, NO_HAIR = 0.4, 0.9, 0.03
+"""Least probability of what tells the colour of hair and of skin, and the most of hair on such skin. Beside a hat the
+reader divides hair between both."""
 NEAR = 0.03
 """How far hair is followed in a round, over the chart's width: 13 mm."""
 AROUND = 0.035
