@@ -17,7 +17,7 @@ from service.arrays import Float32
 from service.colour import FULL_CODE, Codes, srgb_to_linear
 from service.geometry.chart import NO_PART, nearest_inside
 from service.image_filters import blurred, by_strips, each_around, shrunk
-from service.reflectance.albedo.corrections import DARKEST
+from service.reflectance.albedo.albedo_prior import DARKEST
 from service.reflectance.planes import read_window
 from service.reflectance.subject import Subject, margin
 

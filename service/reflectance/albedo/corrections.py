@@ -30,7 +30,7 @@ from service import manifest
 from service.arrays import Float32
 from service.colour import LUMA, linear_to_srgb
 from service.image_filters import blurred, most
-from service.reflectance.albedo.albedo_prior import AlbedoPrior, albedo_prior
+from service.reflectance.albedo.albedo_prior import DARKEST, AlbedoPrior, albedo_prior
 
 SEEN_CHANGE = 1 / 255
 """Change of an sRGB value from which a texel counts as changed: one step of an 8-bit map."""
@@ -219,17 +219,16 @@ LEAST = 1e-3
 """Share of lit skin in the surroundings with less of which the light stays as it is."""
 
 
-def less_contrast(light: Float32, lit: Float32, kept: float = KEPT, wide: float = WIDE) -> Float32:
+def less_contrast(light: Float32, lit: Float32, kept: float = KEPT) -> Float32:
     """(C, h, w) log light with a share of its local contrast where skin is lit; as it is far from all lit skin.
 
     Args:
         light: as it was found.
         lit: (h, w) in [0, 1], where it is to be believed.
         kept: share of the contrast, in [0, 1].
-        wide: standard deviation of the surroundings, texels.
     """
-    near = blurred(lit, wide)
-    form = np.stack([blurred(plane * lit, wide) for plane in light]) / np.maximum(near, np.float32(LEAST))
+    near = blurred(lit, WIDE)
+    form = np.stack([blurred(plane * lit, WIDE) for plane in light]) / np.maximum(near, np.float32(LEAST))
     return np.asarray(np.where(near > LEAST, form + np.float32(kept) * (light - form), light), np.float32)
 
 
@@ -276,9 +275,6 @@ SHADED = 0.3
 
 NEAR_LIT = (6.0, 3.0)
 """Standard deviation of the blur, texels of the context, 9 mm, by which lit skin reaches over brows; and its gain."""
-
-DARKEST = 1e-3
-"""Linear albedo at which logarithms stop."""
 
 
 def continued(light: Float32, lit: Float32) -> Float32:

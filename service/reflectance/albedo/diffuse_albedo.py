@@ -20,10 +20,9 @@ from service.arrays import Float32
 from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
 from service.face.features.eye_colours import BETWEEN_LIDS
 from service.image_filters import shrunk
-from service.reflectance.albedo.albedo_prior import clues, error_model
+from service.reflectance.albedo.albedo_prior import DARKEST, clues, error_model
 from service.reflectance.albedo.beside_skin import as_told
 from service.reflectance.albedo.corrections import (
-    DARKEST,
     LIGHT_CONTRAST,
     SKIN_HUE,
     UNSEEN_SKIN,

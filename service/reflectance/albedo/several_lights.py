@@ -19,6 +19,7 @@ from service.arrays import Float32
 from service.colour import LUMA, bytes_to_linear, linear_to_srgb
 from service.image_filters import blurred, shrunk
 from service.light.scene import BRIGHT
+from service.reflectance.albedo.albedo_prior import DARKEST
 from service.reflectance.albedo.corrections import ChartLight
 from service.reflectance.planes import Planes
 from service.robust import agreement, smoothstep
@@ -28,8 +29,6 @@ from service.texture.texture import PhotoTexture
 EXPOSED = 0.52
 """Linear luminance of the ``BRIGHT`` quantile of lit skin, the middle of what photographers expose it for and networks
 have learnt from (sRGB values of 0.55 to 0.95, ``models.lightstage.light.prior``)."""
-DARKEST = 1e-3
-"""Linear value at which logarithms stop."""
 ASTRAY = 0.25
 """Difference of log luminance from the middle of all photos at which a photo's say is quartered."""
 ROUNDS = 4
