@@ -189,8 +189,6 @@ HANGS_BELOW_M = -0.04
 """Height below which hair hangs: what is hidden there ends where that beside it does."""
 NAPE_LEFT_M = 0.012
 """How far below its root such a strand may hang all the same."""
-LOWEST_M = -0.24
-"""Height, on the chest, at which hair ends that the picture cuts off."""
 STEP_M = 0.012
 GONE = 0.15
 """Share of a row of hanging hair that the photo shows, below which the row is beyond its ends."""
@@ -234,7 +232,7 @@ def bare_rooted(strands: Float32, sight: Sight) -> Bool:
 
 
 def _ends(strands: Float32, sight: Sight) -> float:
-    """Height at which the photo's hanging hair ends; on the chest where it does not tell."""
+    """Height at which the photo's hanging hair ends; minus infinity where it does not tell."""
     hanging = strands[strands[..., 1] < HANGS_BELOW_M]
     cell, seen = sight.visible(*sight.project(hanging))
     tells = seen & (sight.known[cell] > 0.5)
@@ -244,7 +242,7 @@ def _ends(strands: Float32, sight: Sight) -> float:
     share = np.where(count >= 30, shown / np.maximum(count, 1), np.nan)
     told = np.flatnonzero(~np.isnan(share))
     gone = [k for k in told if (share[told[told >= k]] < GONE).all()]
-    return float(HANGS_BELOW_M - STEP_M * gone[0]) if gone else LOWEST_M
+    return float(HANGS_BELOW_M - STEP_M * gone[0]) if gone else -np.inf
 
 
 FILLINGS = 2
@@ -255,8 +253,6 @@ BENT = 2500
 """Most strands out of which the nearest is taken."""
 FARTHEST_CELLS = 14.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm."""
-STRETCHED = 1.5
-"""Most that a strand is stretched to reach it."""
 STEEP_M = 0.015
 """Range of the skin's depth in a cell and its neighbours from which on it is steep."""
 OFF_M = (0.002, 0.008)
@@ -304,10 +300,6 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     pixel = sight.region.to_photo(cells, CELLS)
     ray = np.concatenate([(pixel - camera.principal_point) / camera.focal_px, np.ones((len(cells), 1))], 1)
     target = (ray * wanted[:, None] - camera.translation) @ camera.rotation
-    # Hair that is much too short to reach the cell is not what the photo shows there.
-    whole = np.linalg.norm(np.diff(strands[strand], axis=1), axis=2).sum(1)
-    long = np.linalg.norm(target - strands[strand, 0], axis=1) < STRETCHED * whole
-    strand, place, target = strand[long], place[long], target[long]
     shift = target - strands[strand, place]
     share = np.clip(np.arange(points)[None] / np.maximum(place, 1)[:, None], 0, 1)
     bent = strands[strand] + (share**1.5)[..., None] * shift[:, None]
