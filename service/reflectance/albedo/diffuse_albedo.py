@@ -17,9 +17,10 @@ import numpy.typing as npt
 
 from service.anatomy.eyes import BRIGHTEST
 from service.arrays import Float32
-from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
+from service.colour import LUMA, Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
 from service.face.features.eye_colours import BETWEEN_LIDS
 from service.image_filters import shrunk
+from service.light.scene import BRIGHT
 from service.reflectance.albedo.albedo_prior import DARKEST, clues, error_model
 from service.reflectance.albedo.beside_skin import as_told
 from service.reflectance.albedo.corrections import (
@@ -100,12 +101,12 @@ def found_by(
     are no lids. Of several photos each is asked about by itself, too (``service.reflectance.albedo.several_lights``).
     """
     ledger = ledger or Ledger()
-    start, lids, white_seen = _seen_by(network, planes)
+    start, lids, white_seen = asked(network, planes)
     on_skin = corrected(start, ON_LIT_SKIN, ledger)
     if photos:
 
         def delit(photo: PhotoTexture) -> tuple[ChartLight, Float32]:
-            own, _, white = _seen_by(network, photo_planes(planes, photo))
+            own, _, white = asked(network, photo_planes(planes, photo))
             told = corrected(own, ON_LIT_SKIN, Ledger(ledger.without))
             return told, error_model().stated(clues(told.light, own.texture, own.weight, lids, None, white))
 
@@ -121,24 +122,44 @@ def found_by(
     return Found(whole.light, albedo, believed * evenness(whole.light, believed), between, clue_planes)
 
 
-def _seen_by(network: Network, planes: Planes) -> tuple[ChartLight, Float32, bool]:
+EXPOSED = 0.52
+"""Linear luminance of the ``BRIGHT`` quantile of lit skin, the middle of what photographers expose it for and networks
+have learnt from (sRGB values of 0.55 to 0.95, ``models.lightstage.light.prior``)."""
+
+
+def exposure(texture: Float32, lit: Float32) -> float:
+    """Gain under which a linear texture (3, h, w) is as bright where skin is lit (h, w) as photographers expose it.
+
+    Without it the skin of a dim photo counts as dark. Where none is lit the gain is 1.
+    """
+    shown = np.tensordot(LUMA, texture, 1)[lit > 0.5]
+    return EXPOSED / max(float(np.quantile(shown, BRIGHT)), DARKEST) if shown.size else 1.0
+
+
+def asked(network: Network, planes: Planes) -> tuple[ChartLight, Float32, bool]:
     """What the network says of planes, (h, w) how far a texel is lid, and whether a white is known."""
     what = network.description
     size = what.whole or planes.size
-    light = run_whole(network, planes.shrunk(what.channels, size))
+    inside = planes.shrunk(["mask"], size)[0]
 
     def clue(name: str, usual: float) -> Float32:
-        shown = planes.shrunk([name], size)[0] if name in planes.channels else np.full(light.shape[1:], usual)
+        shown = planes.shrunk([name], size)[0] if name in planes.channels else np.full(inside.shape, usual)
         return np.asarray(shown, np.float32)
 
-    lit, inside, lids = clue(LIT, 1.0), planes.shrunk(["mask"], size)[0], clue(LIDS, 0.0)
-    coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
-    linear = srgb_to_linear(coded)
+    lit, lids = clue(LIT, 1.0), clue(LIDS, 0.0)
+    texture = srgb_to_linear(planes.shrunk(TEXTURE, size) * np.float32(0.5) + np.float32(0.5))
+    gain = np.float32(exposure(texture, lit * inside))
+    exposed = Planes(size, dict(planes.channels))
+    exposed.add_coarse(TEXTURE, linear_to_srgb(np.minimum(gain * texture, 1)) * np.float32(2) - np.float32(1))
+    if EYES[-1] in planes.channels:
+        white = planes.shrunk(EYES, size)
+        white[:-1] += white[-1] * np.log(gain)
+        exposed.add_coarse(EYES, white)
+    light = run_whole(network, exposed.shrunk(what.channels, size)) - np.log(gain)
     white_seen = EYES[-1] not in planes.channels or bool(planes.shrunk(EYES[-1:], size).any())
     # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
     inpainted = clue(INPAINTED, 0.0) * (1 - lids)
     shown = np.maximum(lit, clue(SHOWN, 0.0)) * inside
-    texture = linear.T.reshape(3, *lit.shape)
     return ChartLight(light, light, texture, lit, inside, inpainted, shown), lids, white_seen
 
 

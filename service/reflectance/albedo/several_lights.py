@@ -3,9 +3,7 @@
 Skin in one light cannot be told from paler skin in less light. Photos in other lights can: what a network takes off
 each of them leaves the same albedo, but for its errors, which differ with the light. So each photo is de-lit by itself,
 and the logarithms of what is left are averaged, weighted by how sure each is; a highlight or a cast shadow that one
-photo has and the others have not is outvoted. How pale the whole skin is, each photo says on its own, and all together:
-each as if a photographer had exposed it, as a dim photo's skin would count as dark, and photos of one person differ in
-how dim they are.
+photo has and the others have not is outvoted. How pale the whole skin is, each photo says on its own, and all together.
 """
 
 from __future__ import annotations
@@ -16,9 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from service.arrays import Float32
-from service.colour import LUMA, bytes_to_linear, linear_to_srgb
+from service.colour import LUMA
 from service.image_filters import blurred, shrunk
-from service.light.scene import BRIGHT
 from service.reflectance.albedo.albedo_prior import DARKEST
 from service.reflectance.albedo.corrections import ChartLight
 from service.reflectance.planes import Planes
@@ -26,9 +23,6 @@ from service.robust import agreement, smoothstep
 from service.runtime.network_registry import EYES, LIT, TEXTURE
 from service.texture.texture import PhotoTexture
 
-EXPOSED = 0.52
-"""Linear luminance of the ``BRIGHT`` quantile of lit skin, the middle of what photographers expose it for and networks
-have learnt from (sRGB values of 0.55 to 0.95, ``models.lightstage.light.prior``)."""
 ASTRAY = 0.25
 """Difference of log luminance from the middle of all photos at which a photo's say is quartered."""
 ROUNDS = 4
@@ -40,13 +34,11 @@ SOFT = 1.5
 
 
 def photo_planes(planes: Planes, photo: PhotoTexture) -> Planes:
-    """Planes of a whole chart with one photo's texture, well exposed, lit skin and white in place of the blended's."""
+    """Planes of a whole chart with one photo's texture, lit skin and white in place of the blended texture's."""
     own = Planes(planes.size, dict(planes.channels))
-    lit, linear = photo.lit_skin * np.float32(1 / 255), bytes_to_linear(photo.texture)
-    shown = (linear @ LUMA)[lit > 0.5]
-    exposure = np.float32(EXPOSED / max(np.quantile(shown, BRIGHT), DARKEST)) if shown.size else np.float32(1)
-    coded = linear_to_srgb(np.minimum(exposure * linear, 1)) * np.float32(2) - np.float32(1)
-    own.add_coarse(TEXTURE, np.ascontiguousarray(np.moveaxis(coded, 2, 0)))
+    coded = np.moveaxis(photo.texture, 2, 0) * np.float32(2 / 255) - np.float32(1)
+    own.add_coarse(TEXTURE, np.asarray(coded, np.float32))
+    lit = photo.lit_skin * np.float32(1 / 255)
     own.add_coarse([LIT], lit[None])
     if EYES[0] in planes.channels:
         white = planes.shrunk(EYES, (photo.lit_skin.shape[1], photo.lit_skin.shape[0]))
@@ -55,7 +47,6 @@ def photo_planes(planes: Planes, photo: PhotoTexture) -> Planes:
         else:  # as bright as another photo's beside the same skin
             level = (photo.gain * lit[..., None]).sum((0, 1)) / max(float(lit.sum()), 1e-6)
             white[:3] -= white[3] * level.astype(np.float32)[:, None, None]
-        white[:3] += white[3] * np.log(exposure)
         own.add_coarse(EYES, white)
     return own
 

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
+import pytest
 from pytest import approx
 
 from service.anatomy.canvas import PartTexels
-from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
+from service.colour import FULL_CODE, LUMA, linear_to_srgb, srgb_to_linear
 from service.face.features.eye_colours import SCLERA
 from service.geometry.chart import NO_PART
 from service.head.files import load_head
+from service.light.scene import BRIGHT
 from service.reflectance.albedo.beside_skin import as_told, close_seam, pad_parts, pad_skin, scaled
-from service.reflectance.albedo.diffuse_albedo import without
+from service.reflectance.albedo.diffuse_albedo import EXPOSED, asked, exposure, without
+from service.reflectance.planes import Planes
 from service.reflectance.subject import Subject
+from service.runtime.network_registry import EYES, LIT, TEXTURE
 
 
 def test_the_white_of_an_eye_is_white_in_any_light() -> None:
@@ -22,6 +28,41 @@ def test_the_white_of_an_eye_is_white_in_any_light() -> None:
         coded = linear_to_srgb((SCLERA * factor).astype(np.float32)).reshape(1, 1, 3) * 2 - 1
         bare = without(np.log(np.array(factor, np.float32)), coded)
         assert np.allclose(srgb_to_linear(bare * 0.5 + 0.5)[0, 0], SCLERA, atol=2e-3)
+
+
+class Recorder:
+    """A network that says nothing and keeps what it is asked about."""
+
+    name = "recorder"
+    description = SimpleNamespace(channels=(*TEXTURE, *EYES), whole=(64, 48))
+
+    def run(self, maps: np.ndarray) -> np.ndarray:
+        self.seen = maps
+        return np.zeros((3, 48, 64), np.float32)
+
+
+@pytest.mark.parametrize("level", [0.02, 0.3, 1.0])
+def test_a_photo_is_asked_about_as_if_it_were_well_exposed(level: float) -> None:
+    """A face in a dim photo counted as a dark one: closed eyes in the light of one lamp cost 8 dB."""
+    shape = (48, 64)
+    albedo = np.random.default_rng(0).uniform(0.1, 0.6, (3, *shape)).astype(np.float32)
+    planes, full, network = Planes(shape[::-1]), np.ones((1, *shape), np.float32), Recorder()
+    planes.add_coarse(TEXTURE, linear_to_srgb(level * albedo) * 2 - 1)
+    planes.add_coarse(EYES, np.concatenate([0 * full, 0 * full, 0 * full, full]))
+    planes.add_coarse(["mask", LIT], np.concatenate([full, full]))
+    found, _, _ = asked(network, planes)  # type: ignore[arg-type]
+    shown = srgb_to_linear(network.seen[:3] / 2 + 0.5)
+    assert np.quantile(np.tensordot(LUMA, shown, 1), BRIGHT) == approx(EXPOSED, rel=0.02)
+    gain = np.log(shown.mean() / found.texture.mean())
+    assert network.seen[3:6] == approx(np.full((3, *shape), gain), abs=0.03) and (network.seen[6] == 1).all()
+    assert found.light == approx(np.full((3, *shape), -gain), abs=0.03)
+    assert found.texture == approx(level * albedo, abs=1e-4), "the texture itself stays"
+
+
+def test_a_photo_without_lit_skin_keeps_its_exposure() -> None:
+    """The quantile of nothing."""
+    assert exposure(np.full((3, 4, 4), 0.1, np.float32), np.zeros((4, 4), np.float32)) == 1.0
+    assert np.isfinite(exposure(np.zeros((3, 4, 4), np.float32), np.ones((4, 4), np.float32)))
 
 
 HEAD = load_head()

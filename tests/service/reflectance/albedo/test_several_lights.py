@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.colour import LUMA, linear_to_srgb, srgb_to_linear, to_bytes
-from service.light.scene import BRIGHT
 from service.reflectance.albedo.corrections import ChartLight
-from service.reflectance.albedo.several_lights import EXPOSED, agreed_light, photo_planes
+from service.reflectance.albedo.several_lights import agreed_light, photo_planes
 from service.reflectance.planes import Planes
-from service.runtime.network_registry import EYES, TEXTURE
+from service.runtime.network_registry import EYES
 from service.texture.texture import PhotoTexture
 
 SHAPE = (48, 64)
@@ -63,21 +61,6 @@ def test_sides_that_one_photo_alone_sees_join_without_a_step() -> None:
     answers = iter([(chart, 0.1 * FULL) for chart in charts])
     found = albedo_of(agreed_light(charts[0], [photo(left), photo(right)], lambda one: next(answers))) - ALBEDO
     assert abs(found[..., :8].mean() - found[..., -8:].mean()) < 0.03
-
-
-@pytest.mark.parametrize("exposure", [0.05, 0.3, 1.0])
-def test_networks_see_each_photo_exposed_as_photographers_do(exposure: float) -> None:
-    """A face in a dim photo counted as a dark one: with it the albedo of three photos was a third of the true one."""
-    shown = to_bytes(linear_to_srgb(exposure * np.moveaxis(np.exp(ALBEDO), 0, 2)))
-    one = replace(photo(FULL), texture=shown)
-    planes = Planes(SHAPE[::-1])
-    planes.add_coarse(EYES, np.stack([0 * FULL, 0 * FULL, 0 * FULL, FULL]))
-    asked = photo_planes(planes, one)
-    coded = asked.shrunk(TEXTURE, SHAPE[::-1]) / 2 + 0.5
-    found = srgb_to_linear(coded)
-    assert np.quantile(np.tensordot(LUMA, found, 1), BRIGHT) == pytest.approx(EXPOSED, rel=0.01)
-    changed = np.log(found / np.moveaxis(srgb_to_linear(shown / np.float32(255)), 2, 0)).mean((1, 2))
-    np.testing.assert_allclose(asked.shrunk(EYES, SHAPE[::-1])[:3].mean((1, 2)), changed, atol=0.02)
 
 
 def test_each_photo_is_judged_by_the_white_of_its_own_eyes() -> None:
