@@ -33,7 +33,6 @@ def main() -> None:
         if one.type == "LIGHT":
             bpy.data.objects.remove(one)
     scene = cycles(size, size, samples, bounces=4)
-    scene.cycles.transparent_max_bounces = 48
     scene.render.use_persistent_data = True
     scene.render.image_settings.color_mode = "RGBA"
     sky(0.16, 0.17, 0.18)

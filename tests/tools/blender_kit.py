@@ -106,6 +106,7 @@ def main() -> None:
             link.to_socket.name == "Displacement" for link in one.node_tree.links)],
         "subdivided": [name for name, mesh in meshes.items() if any(m.type == "SUBSURF" for m in mesh.modifiers)],
         "moved_mm": {}, "border_mm": border_mm(), "folds": {},
+        "cards_deep": bpy.context.scene.cycles.transparent_max_bounces,
         "camera": None if photo is None else {"lens": photo.data.lens},
     }
     if len(sys.argv) > 3:

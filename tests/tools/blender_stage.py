@@ -30,6 +30,7 @@ def cycles(width: int, height: int, samples: int, bounces: int, seed: int = 7) -
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples, scene.cycles.seed = "CPU", samples, seed
     scene.cycles.use_denoising, scene.cycles.max_bounces = False, bounces
+    scene.cycles.transparent_max_bounces = 64  # as the kit's script has it
     scene.render.threads_mode, scene.render.threads = "FIXED", 2
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.view_settings.view_transform = "Standard"

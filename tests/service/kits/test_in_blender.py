@@ -124,6 +124,7 @@ def test_the_kits_scene_is_driven_as_a_whole(archive: Path, tmp_path: Path) -> N
             own = np.unique(avatar.head.triangles[avatar.head.triangle_part == index])
             assert moved[name] == pytest.approx(1e3 * np.abs(jaw[own]).max(), abs=0.02), name
     assert facts["border_mm"] < 0.001, "the bust goes on where the smoothed skin ends"
+    assert facts["cards_deep"] >= 48, "with the 8 that Blender begins with the ends of hair are black"
     assert [facts["folds"][pose]["wrinkle_mouth"] for pose in ("neutral", "jawOpen", "photo")] == [0.0, 1.0, 1.0]
     assert moved["toy_hair"] == pytest.approx(4.0, abs=0.02), "one property moves all parts"
     assert not any(facts["moved_mm"]["neutral"].values())
