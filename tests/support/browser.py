@@ -146,6 +146,7 @@ def shapes(page: Page) -> None:
     """Open the list of the 52 sliders."""
     if page.get_attribute("#shapes", "open") is None:
         page.click("#shapes > summary")
+    page.wait_for_selector("#shape-jawOpen")
 
 
 def show(page: Page, view: str) -> Pixels:
