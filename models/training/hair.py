@@ -28,7 +28,6 @@ from models.training.hair_data import FIRST, HairBatch, HairCrops, People, batch
 from models.training.people_run import CHECKPOINT, PeopleRun, batches
 from models.training.reader import shards
 from models.training.restore import weights_of
-from service.errors import ModelFault
 from service.hair.kinds import KINDS
 from service.runtime.sessions import MODELS
 
@@ -37,6 +36,8 @@ WARM_UP_STEPS = 100
 BODY_RATE = 0.4
 """Rate of what the reader knows already, over that of the new layers."""
 WEIGHTS = {"mask": 4.0, "direction": 0.5, "kinds": 0.5, "ends": 0.1}
+NOT_SHIPPED = "sharpness", "body.fields.", "body.parts."
+"""What calibrates a run, made anew when it is exported, and the body's own outputs."""
 AT_ONCE = 40
 """Shards in memory, of all workers together at least."""
 
@@ -88,22 +89,6 @@ class Run(PeopleRun[HairReader]):
         optimiser = torch.optim.AdamW(groups, RATE, weight_decay=DECAY)
         super().__init__("hair", folder, network, optimiser, network.body.size)
         self.go_on(self.device)
-
-    def take_shipped(self) -> None:
-        """Begin with the service's own weights; what calibrated them is made anew when the run is exported.
-
-        Raises:
-            ModelFault: the file is missing, or holds a network of another size.
-        """
-        found = weights_of(MODELS / "hair.onnx")
-        state = self.network.state_dict()
-        for name, values in state.items():
-            if not name.startswith(("sharpness", "body.fields.", "body.parts.")):  # the body's own outputs do not ship
-                if name not in found or found[name].shape != values.shape:
-                    raise ModelFault(f"hair.onnx has no {name} of {tuple(values.shape)}: give the size that ships")
-                state[name] = found[name]
-        self.network.load_state_dict(state)
-        self.average.load_state_dict(state)
 
     def train_step(self, batch: HairBatch, left: float, rate: float = RATE) -> dict[str, float]:
         """One step; ``left`` is the share of the run that remains, ``rate`` its highest learning rate.
@@ -219,7 +204,7 @@ def main() -> None:
     chosen.out.mkdir(parents=True, exist_ok=True)
     run = Run(chosen.out, bf16=chosen.bf16, device=chosen.device, size=SIZES[chosen.size])
     if chosen.shipped and not run.step:
-        run.take_shipped()
+        run.take(MODELS / "hair.onnx", NOT_SHIPPED)
     lengths = chosen.steps, chosen.sitting, chosen.batch, chosen.every, chosen.most
     train(run, chosen.data, *lengths, chosen.rate, workers=chosen.workers)
 

@@ -16,6 +16,7 @@ from torch.utils.data import DataLoader, IterableDataset
 
 from models.networks.reader import ReaderSize
 from models.training.moving_average import MOST, follow
+from models.training.restore import weights_of
 from service.errors import ModelFault
 
 N = TypeVar("N", bound=nn.Module)
@@ -63,6 +64,26 @@ class PeopleRun(Generic[N]):
         for name in ("network", "average", "optimiser"):
             getattr(self, name).load_state_dict(content[name])
         self.step, self.seconds = content["step"], content["seconds"]
+
+    def take(self, path: Path, apart: tuple[str, ...] = ()) -> None:
+        """Begin with the weights of an ONNX file of the service; the optimiser begins afresh.
+
+        Args:
+            path: the file.
+            apart: beginnings of the names of what does not ship, and stays as it is.
+
+        Raises:
+            ModelFault: there is no such file, or its network is of another size.
+        """
+        found, state = weights_of(path), self.network.state_dict()
+        for name, values in state.items():
+            if name.startswith(apart):
+                continue
+            if name not in found or found[name].shape != values.shape:
+                raise ModelFault(f"{path} has no {name} of {tuple(values.shape)}; was its size {self.size}?")
+            state[name] = found[name]
+        for network in (self.network, self.average):
+            network.load_state_dict(state)
 
     def save(self) -> None:
         """Write the checkpoint, whole or not at all."""

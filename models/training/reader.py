@@ -24,8 +24,6 @@ from torch.nn import functional
 from models.networks.reader import CHART_MM, PARTS, READER_SIZES, Read, Reader, ReaderSize, flops
 from models.training.people_run import PeopleRun, batches
 from models.training.reader_data import Batch, ReaderCrops, batch_of, read_cells, shard_seed
-from models.training.restore import weights_of
-from service.errors import ModelFault
 from service.face.reading import part_labels as labels
 from service.runtime.sessions import MODELS
 
@@ -122,20 +120,6 @@ class Run(PeopleRun[Reader]):
         optimiser = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
         super().__init__("reader", folder, network, optimiser, network.size)
         self.go_on(self.device)
-
-    def take(self, path: Path) -> None:
-        """Begin with the weights of an ONNX file of the service; the optimiser begins afresh.
-
-        Raises:
-            ModelFault: there is no such file, or its network is of another size.
-        """
-        found = weights_of(path)
-        state = self.network.state_dict()
-        for name, values in state.items():
-            if name not in found or found[name].shape != values.shape:
-                raise ModelFault(f"{path} has no {name} of {tuple(values.shape)}; was its size {self.network.size}?")
-        for network in (self.network, self.average):
-            network.load_state_dict({name: found[name] for name in state})
 
     def train_step(self, batch: Batch, left: float, bf16: bool) -> dict[str, float]:
         """One step; ``left`` is the share of the run's time that remains.

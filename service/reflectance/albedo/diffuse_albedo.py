@@ -151,12 +151,13 @@ def asked(network: Network, planes: Planes) -> tuple[ChartLight, Float32, bool]:
     gain = np.float32(exposure(texture, lit * inside))
     exposed = Planes(size, dict(planes.channels))
     exposed.add_coarse(TEXTURE, linear_to_srgb(np.minimum(gain * texture, 1)) * np.float32(2) - np.float32(1))
+    white_seen = True
     if EYES[-1] in planes.channels:
         white = planes.shrunk(EYES, size)
+        white_seen = bool(white[-1].any())
         white[:-1] += white[-1] * np.log(gain)
         exposed.add_coarse(EYES, white)
     light = run_whole(network, exposed.shrunk(what.channels, size)) - np.log(gain)
-    white_seen = EYES[-1] not in planes.channels or bool(planes.shrunk(EYES[-1:], size).any())
     # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
     inpainted = clue(INPAINTED, 0.0) * (1 - lids)
     shown = np.maximum(lit, clue(SHOWN, 0.0)) * inside
