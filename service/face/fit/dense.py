@@ -8,14 +8,15 @@ landmarks.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import AnyFloat, Float32, Float64, Int32
+from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int32
 from service.face.fit.landmark_fit import at_barycentric, linear_points
-from service.face.fit.solver import POSE, PointTerm, Residuals, State, project_points
+from service.face.fit.solver import POSE, PointTerm, Residuals, State, linear, project_points
 from service.face.reading.part_labels import READ
 from service.face.reading.reader import CELLS, Reading
 from service.geometry.camera import nearest_rotation, skew
@@ -23,6 +24,9 @@ from service.geometry.chart import Chart
 from service.geometry.mesh import area_normals, cross
 from service.head.model import HeadModel
 from service.robust import geman_mcclure
+
+if TYPE_CHECKING:  # loaded only where a face is fitted
+    from scipy.sparse import csr_array
 
 POINT_SHARE, NORMAL_SHARE = 0.04, 0.01
 """Weight of one cell beside its stated uncertainty: errors of neighbours are alike."""
@@ -105,67 +109,58 @@ class NormalTerm(Residuals):
     """Difference between the head's normals and the read ones; exact in the rotation, linearised in the shape.
 
     Attributes:
-        normal: (N, 3) unit, head space, at the start; slope: (N, 3, M) its derivative by the coefficients.
+        normal: (N, 3) unit, head space, at the start; modes: (N, 3, M) its derivative by the coefficients.
         start: (M,) coefficients of the linearisation.
         target: (N, 3) unit, camera space.
         precision: (N,) >= 0.
     """
 
     normal: Float64
-    slope: Float64
+    modes: Float32
     start: Float64
     target: Float64
     precision: Float64
 
     def _normals(self, state: State) -> Float64:
-        return np.asarray((self.normal + self.slope @ (state.coefficients - self.start)) @ state.rotation.T)
+        return np.asarray(linear(self.normal, self.modes, state.coefficients - self.start) @ state.rotation.T)
 
     def residual(self, state: State) -> Float64:
         """(N, 3)."""
         return self._normals(state) - self.target
 
-    def jacobian(self, state: State) -> Float64:
-        """(N, 3, n)."""
-        parts = (-skew(self._normals(state)), np.zeros((len(self.normal), 3, POSE - 3)), state.rotation @ self.slope)
-        return np.concatenate(parts, 2)
+    def slopes(self, state: State) -> tuple[Float64, Float64]:
+        """(N, 3, 7) and (N, 3, 3)."""
+        by_pose = np.zeros((len(self.normal), 3, POSE))
+        by_pose[..., :3] = -skew(self._normals(state))
+        return by_pose, np.broadcast_to(state.rotation, (len(self.normal), 3, 3))
 
 
-def normal_derivative(
-    vertices: Float64,
-    modes: Float32,
-    triangles: Int32,
-    chosen: npt.NDArray[np.intp],
-) -> Float64:
-    """(N, 3, K) derivative of the area-weighted unit normals of chosen vertices by the modes' coefficients.
+def normal_derivative(vertices: Float64, triangles: AnyInt, chosen: npt.NDArray[np.intp]) -> csr_array:
+    """(3 N, 3 V) derivative of the area-weighted unit normals of chosen vertices by the places of all.
 
     Args:
         vertices: (V, 3) metres.
-        modes: (K, V, 3) metres per unit.
         triangles: (T, 3).
         chosen: (N,) vertex indices; a vertex without area gets zero.
     """
-    from scipy.sparse import csr_matrix
+    from scipy.sparse import csr_array
 
     row_of = np.full(len(vertices), -1)
     row_of[chosen] = np.arange(len(chosen))
-    near = triangles[(row_of[triangles] >= 0).any(1)]
-    if not len(near):
-        return np.zeros((len(chosen), 3, len(modes)))
+    triangle, corner = np.nonzero(row_of[triangles] >= 0)
+    row, near = row_of[triangles[triangle, corner]], triangles[triangle]
     a, b, c = vertices[near].transpose(1, 0, 2)
-    da, db, dc = (np.ascontiguousarray(np.moveaxis(modes[:, near[:, i]], 0, 1)) for i in range(3))  # (T, K, 3)
-    change = cross(db - da, (c - a)[:, None]) + cross((b - a)[:, None], dc - da)
-    rows = row_of[near].ravel()
-    columns = np.repeat(np.arange(len(near)), 3)
-    inside = rows >= 0
-    gather = csr_matrix((np.ones(int(inside.sum())), (rows[inside], columns[inside])), (len(chosen), len(near)))
-    total = gather @ np.cross(b - a, c - a)
+    area = cross(b - a, c - a)
+    total = np.stack([np.bincount(row, area[:, k], len(chosen)) for k in range(3)], 1)
     length = np.linalg.norm(total, axis=1)
     flat = length < 1e-15
     unit = total / np.where(flat, 1.0, length)[:, None]
-    slope = np.asarray(gather @ change.reshape(len(near), -1)).reshape(len(chosen), len(modes), 3)
-    slope -= (slope @ unit[:, :, None]) * unit[:, None]
-    slope /= np.where(flat, np.inf, length)[:, None, None]
-    return np.ascontiguousarray(np.moveaxis(slope, 1, 2))
+    along = (np.eye(3) - unit[:, :, None] * unit[:, None]) / np.where(flat, np.inf, length)[:, None, None]
+    # The area vector is a x b + b x c + c x a.
+    change = along[row] @ np.concatenate([skew(c - b), skew(a - c), skew(b - a)], 2)
+    rows, columns = 3 * row[:, None] + np.arange(3), (3 * near[:, :, None] + np.arange(3)).reshape(-1, 9)
+    index = (np.repeat(rows, 9, 1).ravel(), np.tile(columns, 3).ravel())
+    return csr_array((change.astype(np.float32).ravel(), index), (3 * len(chosen), vertices.size))
 
 
 class DenseTerms:
@@ -188,11 +183,17 @@ class DenseTerms:
         length = np.linalg.norm(pulled, axis=1)
         self.vertices: npt.NDArray[np.intp] = np.flatnonzero(length > 1e-6 * np.maximum(self._say, 1e-12))
         self._target = pulled[self.vertices] / length[self.vertices, None]
+        skin = head.triangles[head.triangle_part == 0]
+        around = skin[np.isin(skin, self.vertices).any(1)]
+        self._near, local = np.unique(np.concatenate([around.ravel(), self.vertices]), return_inverse=True)
+        self._around, self._chosen = np.split(local, [around.size])
+        moves = linear_points(head, self._near[:, None], np.ones((len(self._near), 1)))[1]
+        self._moves = moves.reshape(-1, moves.shape[-1])
 
     def points(self, state: State) -> PointTerm:
         """The correspondences, weighted by their certainty and by how well they agree with the state."""
         found = self.found
-        points = self._mean + np.tensordot(state.coefficients, self._modes, 1)
+        points = linear(self._mean, self._modes, state.coefficients)
         sigma = state.scale * 1e-3 * found.sigma_mm
         residual = np.linalg.norm(project_points(state, points).uv - found.pixels, axis=1)
         weight = POINT_SHARE * found.sure * geman_mcclure(residual, GATE * np.maximum(sigma, 1e-9))
@@ -212,10 +213,10 @@ class DenseTerms:
         apart = np.linalg.norm(turned - target, axis=1)
         typical = 1.0 / np.sqrt(np.maximum(precision, 1e-12))
         weight = NORMAL_SHARE * precision * geman_mcclure(apart, GATE * np.maximum(typical, 0.08))
-        skin = self.head.triangles[self.head.triangle_part == 0]
-        shape, bases = np.asarray(vertices, np.float64), (self.head.identity, self.head.expression)
-        slope = np.concatenate([normal_derivative(shape, basis, skin, chosen) for basis in bases], 2)
-        return NormalTerm(normal, slope, state.coefficients.copy(), target, weight)
+        near = np.asarray(vertices[self._near], np.float64)
+        by_place = normal_derivative(near, self._around.reshape(-1, 3), self._chosen)
+        modes = (by_place @ self._moves).reshape(len(chosen), 3, -1)
+        return NormalTerm(normal, modes, state.coefficients.copy(), target, weight)
 
 
 def reading_agreement(found: Correspondences, state: State, vertices: AnyFloat) -> float:

@@ -19,7 +19,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int32
 from service.face.fit.fit import FitSettings
-from service.face.fit.solver import POSE, Damping, PointTerm, Prior, State, minimise, project_points, weak_pose
+from service.face.fit.solver import POSE, Damping, PointTerm, Prior, State, linear, minimise, project_points, weak_pose
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
 from service.robust import geman_mcclure
@@ -33,18 +33,18 @@ def at_barycentric(values: AnyFloat, corners: AnyInt, weights: AnyFloat) -> Floa
 
 def linear_points(
     head: HeadModel, corners: AnyInt, weights: AnyFloat, identities: int | None = None
-) -> tuple[Float64, Float64]:
-    """Points of a head as a linear function of its coefficients: mean (L, 3) and modes (K + E, L, 3), metres.
+) -> tuple[Float64, Float32]:
+    """Points of a head as a linear function of its coefficients: mean (L, 3) and modes (L, 3, K + E), metres.
 
     Args:
         head: any head model.
-        corners: (L, 3) vertices of triangles.
-        weights: (L, 3) barycentric.
+        corners: (L, n) vertices.
+        weights: (L, n) of each, barycentric in triangles.
         identities: how many components of identity count; None: all.
     """
     parts = (head.mean, head.identity[:identities], head.expression)
     mean, *modes = (at_barycentric(part, corners, weights) for part in parts)
-    return mean, np.concatenate(modes)
+    return mean, np.ascontiguousarray(np.moveaxis(np.concatenate(modes), 0, 2), np.float32)
 
 
 @dataclass(frozen=True)
@@ -53,19 +53,19 @@ class LandmarkBasis:
 
     Attributes:
         mean: (L, 3) metres.
-        modes: (K + E, L, 3) metres per unit coefficient, identity first.
+        modes: (L, 3, K + E) metres per unit coefficient, identity first.
         normals: (L, 3) unit normals on the average head.
         sigma: (L,) metres, expected scatter of the detector.
     """
 
     mean: Float64
-    modes: Float64
+    modes: Float32
     normals: Float64
     sigma: Float64
 
     def points(self, coefficients: Float64) -> Float64:
         """(K + E,) -> (L, 3) metres."""
-        return np.asarray(self.mean + np.tensordot(coefficients, self.modes, 1))
+        return linear(self.mean, self.modes, coefficients)
 
 
 class LandmarkModel:
@@ -88,19 +88,17 @@ class LandmarkModel:
         """Identity and expression coefficients together."""
         return self.identity_count + self.expression_count
 
-    def _gather(self, head: HeadModel, corners: Int32, weights: Float32) -> list[Float64]:
-        """[mean (L, 3), modes (K + E, L, 3), normals (L, 3)] at barycentric points of the mesh."""
+    def _gather(self, head: HeadModel, corners: Int32, weights: Float32) -> tuple[Float64, Float32, Float64]:
+        """Mean (L, 3), modes (L, 3, K + E) and normals (L, 3) at barycentric points of the mesh."""
         p = head.mean[corners].astype(np.float64)
         normals = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
         length = np.linalg.norm(normals, axis=1, keepdims=True)
-        return [
-            *linear_points(head, corners, weights, self.identity_count),
-            np.where(length > 1e-15, normals / np.maximum(length, 1e-15), 0.0),
-        ]
+        points = linear_points(head, corners, weights, self.identity_count)
+        return *points, np.where(length > 1e-15, normals / np.maximum(length, 1e-15), 0.0)
 
     def at_yaw(self, yaw_deg: float) -> LandmarkBasis:
         """The basis for a head turned by ``yaw_deg``; contour landmarks are interpolated between calibrated yaws."""
-        mean, modes, normals = (a.copy() for a in self._fixed)
+        mean, modes, normals = own = self._fixed[0].copy(), self._fixed[1].copy(), self._fixed[2].copy()
         count = len(self._contour)
         if count and len(self._yaw):
             yaw = float(np.clip(yaw_deg, self._yaw[0], self._yaw[-1]))
@@ -109,10 +107,10 @@ class LandmarkModel:
             gap = self._yaw[high] - self._yaw[low] if high < len(self._yaw) else 0.0
             t = (yaw - self._yaw[low]) / gap if gap > 0 else 0.0
             high = min(high, len(self._yaw) - 1)
-            for table, out in zip(self._slide, (mean, modes, normals), strict=True):
-                a = table[..., low * count : (low + 1) * count, :]
-                b = table[..., high * count : (high + 1) * count, :]
-                out[..., self._contour, :] = (1 - t) * a + t * b
+            tables: list[tuple[AnyFloat, AnyFloat]] = list(zip(own, self._slide, strict=True))
+            for out, table in tables:
+                a, b = table[low * count : (low + 1) * count], table[high * count : (high + 1) * count]
+                out[self._contour] = (1 - t) * a + t * b
         length = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
         return LandmarkBasis(mean, modes, normals / length, self._sigma)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, UInt8
 from service.colour import srgb_to_linear
-from service.face.fit.landmark_fit import facing
+from service.face.fit.landmark_fit import facing, linear_points
 from service.face.fit.solver import PointTerm, State, project_points
 from service.geometry.mesh import vertex_normals
 from service.head.model import HeadModel
@@ -215,9 +215,7 @@ class OutlineFinder:
         weight = contrast * geman_mcclure(shift, 3.0 * sigma)
         if not (weight > 0.01).any():
             return None
-        ends, head = outline.vertices, self.head
-        modes = np.concatenate([head.identity[:, ends].mean(2), head.expression[:, ends].mean(2)]).astype(np.float64)
-        mean = head.mean[ends].mean(1).astype(np.float64)
+        mean, modes = linear_points(self.head, outline.vertices, np.full(outline.vertices.shape, 0.5))
         target = outline.uv + shift[:, None] * outline.normal
         # Weight of one contour point: neighbours see the same edge.
         return PointTerm(mean, modes, target, 0.1 * weight / max(sigma, 1e-9) ** 2, outline.normal)

@@ -20,7 +20,7 @@ from typing import Protocol
 
 import numpy as np
 
-from service.arrays import Bool, Float64
+from service.arrays import Bool, Float32, Float64
 from service.geometry.camera import NEAREST_M, Camera, exp_rotation, nearest_rotation, skew
 
 POSE = 7
@@ -102,29 +102,6 @@ def project_points(state: State, points: Float64) -> Projection:
     return Projection(turned, position, focal * position[:, :2] / position[:, 2:])
 
 
-def motion(state: State, projection: Projection, modes: Float64) -> Float64:
-    """(N, 3, 7 + M) derivative of camera-space positions by the unknowns, for (M, N, 3) shape modes."""
-    count, shapes = len(projection.uv), len(modes)
-    dy = np.zeros((count, 3, POSE + shapes))
-    dy[:, :, :3] = -skew(projection.turned)
-    dy[:, 0, 3] = dy[:, 1, 4] = 1.0
-    dy[:, 2, 6] = np.exp(state.log_distance)
-    dy[:, :, POSE:] = np.moveaxis(modes @ state.rotation.T, 0, 2)
-    return dy
-
-
-def pixel_jacobian(state: State, projection: Projection, dy: Float64) -> Float64:
-    """(N, 2, 7 + M) derivative of uv by the unknowns, from :func:`motion`'s dy."""
-    focal = np.exp(state.log_scale + state.log_distance)
-    z = projection.position[:, 2, None, None]
-    uv = projection.uv[:, :, None]
-    jacobian = (focal * dy[:, :2] - uv * dy[:, 2:]) / z
-    # The focal length itself moves with both logarithms.
-    jacobian[:, :, 5] += projection.uv
-    jacobian[:, :, 6] += projection.uv
-    return np.asarray(jacobian)
-
-
 @dataclass(frozen=True)
 class WeakPose:
     """Scaled orthographic pose: pixel = scale * (rotation @ X)[:2] + offset.
@@ -183,6 +160,8 @@ class Term(Protocol):
 class Residuals:
     """A term of N independent residuals, each a vector with one precision; subclasses say what they are."""
 
+    modes: Float32
+    """(N, 3, M) derivative of a head-space vector of each by the coefficients."""
     precision: Float64
     """(N,) >= 0, weights included."""
 
@@ -190,8 +169,8 @@ class Residuals:
         """(N, k) at a state."""
         raise NotImplementedError
 
-    def jacobian(self, state: State) -> Float64:
-        """(N, k, n) its derivative by the unknowns."""
+    def slopes(self, state: State) -> tuple[Float64, Float64]:
+        """Its derivatives (N, k, 7) by the pose, and (N, k, 3) by that vector."""
         raise NotImplementedError
 
     def cost(self, state: State) -> float:
@@ -199,13 +178,15 @@ class Residuals:
         return 0.5 * float((self.precision[:, None] * self.residual(state) ** 2).sum())
 
     def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
-        """Add J^T J and J^T r in place."""
+        """Add J^T J and J^T r in place; computed in float32, which errs far less than a linear step does."""
         root = np.sqrt(self.precision)[:, None]
-        j = self.jacobian(state)
-        j *= root[:, :, None]
+        by_pose, by_vector = (part * root[:, :, None] for part in self.slopes(state))
+        j = np.zeros((*by_pose.shape[:2], len(gradient)), np.float32)
+        j[..., :POSE] = by_pose
+        np.matmul(by_vector.astype(np.float32), self.modes, out=j[..., POSE:])
         j = j.reshape(-1, len(gradient))
         hessian += j.T @ j
-        gradient += j.T @ (self.residual(state) * root).ravel()
+        gradient += j.T @ (self.residual(state) * root).astype(np.float32).ravel()
 
 
 @dataclass(frozen=True)
@@ -213,33 +194,49 @@ class PointTerm(Residuals):
     """Reprojection error of points, in pixels.
 
     Attributes:
-        mean, modes: (N, 3) and (M, N, 3) metres, the points as a linear function of the coefficients.
+        mean, modes: (N, 3) and (N, 3, M) metres, the points as a linear function of the coefficients.
         target: (N, 2) pixels relative to the principal point.
         precision: (N,) 1 / px^2.
         normal: (N, 2) unit vectors if only the distance along them counts (points on a contour), else None.
     """
 
     mean: Float64
-    modes: Float64
+    modes: Float32
     target: Float64
     precision: Float64
     normal: Float64 | None = None
 
     def _projected(self, state: State) -> Projection:
-        return project_points(state, self.mean + np.tensordot(state.coefficients, self.modes, 1))
+        return project_points(state, linear(self.mean, self.modes, state.coefficients))
 
     def residual(self, state: State) -> Float64:
         """(N, 2), or (N, 1) along the normals."""
         r = self._projected(state).uv - self.target
         return r if self.normal is None else np.asarray((r * self.normal).sum(1, keepdims=True))
 
-    def jacobian(self, state: State) -> Float64:
-        """(N, 2 or 1, n)."""
-        projection = self._projected(state)
-        jacobian = pixel_jacobian(state, projection, motion(state, projection, self.modes))
-        if self.normal is None:
-            return jacobian
-        return np.asarray((jacobian * self.normal[:, :, None]).sum(1, keepdims=True))
+    def slopes(self, state: State) -> tuple[Float64, Float64]:
+        """(N, 2 or 1, 7) and (N, 2 or 1, 3)."""
+        seen = self._projected(state)
+        # By the position in camera space.
+        by_place: Float64 = np.zeros((len(seen.uv), 2, 3))
+        by_place[:, 0, 0] = by_place[:, 1, 1] = np.exp(state.log_scale + state.log_distance)
+        by_place[:, :, 2] = -seen.uv
+        by_place /= seen.position[:, 2, None, None]
+        if self.normal is not None:
+            by_place = self.normal[:, None] @ by_place
+        by_pose = np.zeros((*by_place.shape[:2], POSE))
+        by_pose[..., :3] = -by_place @ skew(seen.turned)
+        by_pose[..., 3:5] = by_place[..., :2]
+        # The focal length moves with both logarithms.
+        zoom = seen.uv[:, :, None] if self.normal is None else self.normal[:, None] @ seen.uv[:, :, None]
+        by_pose[..., 5:6] = zoom
+        by_pose[..., 6:7] = zoom + by_place[..., 2:] * np.exp(state.log_distance)
+        return by_pose, by_place @ state.rotation
+
+
+def linear(mean: Float64, modes: Float32, coefficients: Float64) -> Float64:
+    """(N, 3) mean (N, 3) and modes (N, 3, M) at coefficients (M,)."""
+    return np.asarray(mean + modes @ coefficients.astype(np.float32))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 from service.arrays import Bool, Float32, Float64, Int64, UInt8
 from service.colour import luma
 from service.face.fit.landmark_fit import linear_points
-from service.face.fit.solver import PointTerm, State, project_points
+from service.face.fit.solver import PointTerm, State, linear, project_points
 from service.geometry.mesh import vertex_normals
 from service.geometry.raster import Raster, rasterise
 from service.head.model import HeadModel
@@ -237,7 +237,7 @@ def stereo_terms(head: HeadModel, pictures: Sequence[Picture | None]) -> list[li
         mean, modes = linear_points(head, found.corners, found.weights)
         for place, target in zip((a, b), found.pixels, strict=True):
             state = shown[place].state
-            now = project_points(state, mean + np.tensordot(state.coefficients, modes, 1)).uv
+            now = project_points(state, linear(mean, modes, state.coefficients)).uv
             # Standard deviation of a spot's place, metres on the face.
             sigma = 0.0005 * state.scale
             off = np.linalg.norm(now - target, axis=1)

@@ -14,6 +14,7 @@ from service.face.fit.solver import (
     System,
     Term,
     energy,
+    linear,
     minimise,
     solve_step,
     weak_pose,
@@ -22,7 +23,8 @@ from service.geometry.camera import exp_rotation
 
 COUNT, SHAPES = 12, 5
 RANDOM = np.random.default_rng(7)
-MEAN, MOVES = RANDOM.normal(size=(COUNT, 3)) * 0.05, RANDOM.normal(size=(SHAPES, COUNT, 3)) * 0.01
+MEAN = RANDOM.normal(size=(COUNT, 3)) * 0.05
+MOVES = (RANDOM.normal(size=(COUNT, 3, SHAPES)) * 0.01).astype(np.float32)
 TARGET, WEIGHT = RANDOM.normal(size=(COUNT, 2)) * 100, RANDOM.uniform(0, 1e-2, COUNT)
 ANGLE = RANDOM.uniform(0, 6, COUNT)
 NORMAL = np.stack([np.cos(ANGLE), np.sin(ANGLE)], 1)
@@ -44,8 +46,11 @@ def test_gradient_agrees_with_finite_differences(name: str, state: State) -> Non
     terms = [TERMS[name]]
     system = System.of(terms, state)
     hessian, gradient = system.hessian, system.gradient
-    steps = np.eye(len(gradient)) * 1e-6
-    numeric = [(energy([terms], [state.stepped(e)]) - energy([terms], [state.stepped(-e)])) / 2e-6 for e in steps]
+    # Shapes are float32.
+    steps = np.diag([1e-6] * POSE + [1e-2] * SHAPES)
+    numeric = [
+        (energy([terms], [state.stepped(e)]) - energy([terms], [state.stepped(-e)])) / (2 * e.max()) for e in steps
+    ]
     np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-5 * np.abs(gradient).max())
     assert np.allclose(hessian, hessian.T)
     assert np.linalg.eigvalsh(hessian).min() > -1e-6 * np.abs(hessian).max()
@@ -62,7 +67,7 @@ def test_a_point_behind_the_camera_stays_finite() -> None:
 
 RNG = np.random.default_rng(3)
 POINTS = RNG.normal(size=(40, 3)) * 0.05
-MODES = RNG.normal(size=(4, 40, 3)) * 0.005
+MODES = (RNG.normal(size=(40, 3, 4)) * 0.005).astype(np.float32)
 TRUTH = State(
     exp_rotation(np.array([0.1, 0.5, -0.1])) @ np.diag([1.0, -1, -1]),
     np.array([0.01, 0.02]),
@@ -76,7 +81,7 @@ SHARED = slice(POSE, POSE + 2)
 
 
 def observed(state: State) -> np.ndarray:
-    points = POINTS + np.tensordot(state.coefficients, MODES, 1)
+    points = linear(POINTS, MODES, state.coefficients)
     middle_camera = state.camera(0, 0)
     return middle_camera.project(points)
 
