@@ -62,7 +62,8 @@ def test_there_is_a_switch_for_each_map_of_the_manifest_and_each_looks_different
     with zipfile.ZipFile(archive) as opened:
         roles = [entry["role"] for entry in json.loads(opened.read("manifest.json"))["maps"]]
     assert sorted(values[1:]) == sorted(roles)
-    all_different({name: show(head, name) for name in ("lit", *MAPS)}, 0.001)  # both normals: 0.0015 in the maps themselves
+    # Both normals differ by 0.0015 in the maps themselves.
+    all_different({name: show(head, name) for name in ("lit", *MAPS)}, 0.001)
 
 
 def test_a_map_alone_shows_its_codes_whatever_the_light(head: Page) -> None:
