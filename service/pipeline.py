@@ -22,10 +22,11 @@ from dataclasses import replace
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast
+from typing import Literal, TypeVar
 
 import numpy as np
 
+from service.ahead import FaceNetworks
 from service.anatomy.eyes import eye_parts
 from service.anatomy.items import read_insets, read_items
 from service.anatomy.mouth import mouth_parts
@@ -36,17 +37,15 @@ from service.budget import within_budget
 from service.diagnosis import peak_rss_mb
 from service.face.features.eye_colours import NAMED_IRISES
 from service.face.features.mouth import with_mouth_shut
-from service.face.finder import Face, FaceFinder, choose_face
+from service.face.finder import Face, choose_face
 from service.face.fit.landmark_fit import modes
-from service.face.identity import Recogniser, population
+from service.face.identity import population
 from service.face.profile import faces_by_reading
-from service.face.reading.reader import Readers
 from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all, with_frames
 from service.geometry.chart import Chart
 from service.hair.asked import NONE
 from service.hair.bank import read_bank
 from service.hair.find_hair import grow_hair, see_hair
-from service.hair.reading import HairNetwork
 from service.hair.wear import hair_cards, hair_in_albedo
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -54,7 +53,7 @@ from service.levels import Size
 from service.likeness import likeness
 from service.manifest import IdentitySimilarity
 from service.materials.part import coarser
-from service.options import Options, installed
+from service.options import Options
 from service.photo.photo import Photo
 from service.reflectance.albedo.albedo_prior import albedo_prior, error_model
 from service.reflectance.reflectance import make_reflectance
@@ -62,11 +61,9 @@ from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.relief.folds import AGES
 from service.reflectance.subject import Subject, coarse_chart
 from service.reflectance.surface_maps import flesh_mm, surface_maps
-from service.runtime.network_registry import networks_of
 from service.runtime.networks import Ahead, choose_engine, loading_ahead
-from service.runtime.sessions import few_heaps
 from service.runtime.tiles import DEFAULT_TILE, SMALL_MAP
-from service.stage_cache import Loaded, NoCache, StageCache
+from service.stage_cache import NoCache, StageCache
 from service.texture.photo_detail import OwnDetail, own_texture_of
 from service.texture.texture import Texture, Unwrappings, left_by_roots, make_texture
 
@@ -85,9 +82,6 @@ FIRST_ONLY = ("expression", "eyes", "hair")
 """What the first photo alone is used for."""
 LEAST_SHARE = 0.005
 """Share of the seen texture below which a photo does not count as used for it."""
-
-READERS = networks_of("read")
-"""Networks that read a face; without them the fit follows landmarks and outline."""
 
 LEFT_OUT = "photos-left-out"
 """Warning: some of the photos were of no use; the manifest has the reasons."""
@@ -133,8 +127,8 @@ def make_avatar(
         warnings += (SMALL_TILES,)
     early = plan.networks if tile >= DEFAULT_TILE else ()  # where tiles are small, memory is scarce
     engine = choose_engine(options.runtime, precision=options.level.precision)
-    reads = options.fit != "landmarks" and installed(READERS)
-    networks = FaceNetworks(reads) if loaded is None else loaded
+    networks = FaceNetworks(options.fit) if loaded is None else loaded
+    reads = networks.reads
     stage = _Timed(progress, BEFORE_NETWORKS if plan.stages else 1.0)
     with ThreadPoolExecutor(4) as pool, ExitStack() as held:
         # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
@@ -263,53 +257,6 @@ def make_avatar(
         )
 
 
-class FaceNetworks(Loaded):
-    """What finds, reads and compares faces: loaded by threads, dropped before the maps take memory.
-
-    A process that waits for a photo may load them, the head in the box and its chart ahead.
-    """
-
-    def __init__(self, reads: bool = True, *, ahead: bool = False) -> None:
-        """Begin to load.
-
-        Args:
-            reads: whether faces are to be read; without their networks they are not.
-            ahead: load what a draft on the head in the box needs beside, too.
-        """
-        few_heaps()
-        self.reads = reads and installed(READERS)
-        kinds: list[Callable[[], Any]] = [FaceFinder, Recogniser, *([Readers, HairNetwork] if self.reads else [])]
-        pool = ThreadPoolExecutor(2)
-        self._loads: list[Future[Any]] = [pool.submit(kind) for kind in kinds]
-        pool.submit(import_module, "scipy.optimize")
-        self._maps = pool.submit(_made_ahead) if ahead else None
-        pool.shutdown(wait=False)
-
-    def finder(self) -> FaceFinder:
-        """Finds faces."""
-        return cast(FaceFinder, self._loads[0].result())
-
-    def recogniser(self) -> Recogniser:
-        """Compares faces."""
-        return cast(Recogniser, self._loads[1].result())
-
-    def readers(self) -> Readers:
-        """Read a face, where that was asked for."""
-        return cast(Readers, self._loads[2].result())
-
-    def hair(self) -> HairNetwork | None:
-        """Reads hair, where faces are read; None where they are not."""
-        return cast(HairNetwork, self._loads[3].result()) if self.reads else None
-
-    def maps(self) -> Ahead | None:
-        """Has begun to load the networks of a draft's maps; None where nothing was loaded ahead."""
-        return None if self._maps is None else self._maps.result()
-
-    def drop(self) -> None:
-        """Let go of those of faces."""
-        self._loads.clear()
-
-
 class _Timed:
     """Reports each stage before the networks as it begins, and times it."""
 
@@ -394,7 +341,7 @@ def _head_and_chart(size: Size, head_file: Path | None, beyond: int = 0) -> tupl
     return head, chart
 
 
-def _made_ahead() -> Ahead:
+def made_ahead() -> Ahead:
     """What drafts on the head in the box have in common, kept where it is made, and the networks of their maps."""
     draft = Options(quality="draft")
     head, _ = _head_and_chart(draft.base_size, None, draft.fit_settings().beyond)

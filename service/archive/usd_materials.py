@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from xml.sax.saxutils import quoteattr
+from html import escape
 
 from service.archive.images import NORMAL_SCALE, NORMAL_ZERO
 from service.archive.maps import MapFiles
@@ -66,7 +66,7 @@ class Node:
             text = ", ".join(f"{one:.7g}" for one in value) if isinstance(value, tuple) else value
             text = text if isinstance(text, str) else f"{text:.7g}"
             space = f' colorspace="{self.space}"' if self.space and kind == "filename" else ""
-            lines.append(f'    <input name="{name}" type="{kind}" value={quoteattr(text)}{space}/>')
+            lines.append(f'    <input name="{name}" type="{kind}" value="{escape(text)}"{space}/>')
         return [*lines, f"  </{self.category}>"]
 
 

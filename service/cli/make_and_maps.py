@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from service.ahead import FaceNetworks
 from service.cli.files import check_paths, head_file, progress_bar
 from service.cli.flags import AVATAR, MAPS, Head, Json, asked, with_flags
 from service.errors import AvatarError, UnsupportedFormat, UsageError
 from service.options import Options
+from service.photo.gate import expect_photo
 from service.photo.limits import PIPE, called, read_file
 from service.photo.video import VideoLimits, is_video
 
@@ -72,12 +74,14 @@ def make(
         if not is_video(data[-1]):
             raise UnsupportedFormat(f"{called(video)} is no video that is read: MP4, QuickTime and WebM are")
     with progress_bar() as progress, naming(files):
-        # After the cheap checks, as importing the numeric libraries takes a large part of a second.
+        # After the cheap checks, as importing the program takes a large part of a second; meanwhile others begin.
+        expect_photo()
+        networks = FaceNetworks(options.fit)
         from service.archive.pack import write_archive
         from service.pipeline import make_avatar
 
         gc.freeze()  # to look through what the libraries made again and again would take a fiftieth of a draft
-        avatar = make_avatar(data, options, progress, model)
+        avatar = make_avatar(data, options, progress, model, loaded=networks)
         write_archive(avatar, sys.stdout.buffer if target == PIPE else Path(target))
     seconds = time.perf_counter() - begin
     names = {hashlib.sha256(content).hexdigest(): called(file) for content, file in zip(data, files, strict=True)}

@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from service import GENERATOR, pipeline
+from service.ahead import FaceNetworks
 from service.archive.pack import write_archive
 from service.diagnosis import DATA, SUMS
 from service.errors import CorruptImage
@@ -18,6 +19,7 @@ from service.jobs.process import Reporter, Task
 from service.jobs.stage_files import FORMAT, KeptStages, kept_types
 from service.options import CORRECTIONS, Options
 from service.photo.bundle import MOST, unbundled
+from service.photo.gate import expect_photo
 from service.photo.limits import Limits, read_file
 from service.places import file_sha256
 from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
@@ -26,8 +28,10 @@ from service.stage_cache import NoCache, StageCache
 HEAD = "head"
 """Key in the task's options that names another head model file, or null."""
 
-NETWORKS = pipeline.FaceNetworks(ahead=True)
+NETWORKS = FaceNetworks(maps=pipeline.made_ahead)
 """Loaded by threads while the process waits for its one task."""
+
+expect_photo()
 
 
 def run(task: Task, reporter: Reporter) -> None:

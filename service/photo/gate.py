@@ -7,9 +7,9 @@
 Everything up to the size is plain Python over bounded slices and refuses most bad input within a millisecond; native
 decoders run in a process of their own only. No name, address or metadata of the input goes further.
 
-A new interpreter is started for each photo (about 60 ms): forking a server with threads is unsafe, and a process
-that serves several photos would let one of them wait for the next. It gets no site-packages hooks (``-S``), no
-environment and no file but its pipes.
+A new interpreter is started for each photo (about 100 ms; who expects a photo may start it ahead): forking a server
+with threads is unsafe, and a process that serves several photos would let one of them wait for the next. It gets no
+site-packages hooks (``-S``), no environment and no file but its pipes.
 """
 
 from __future__ import annotations
@@ -153,10 +153,7 @@ def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple
         UnsupportedFormat: HEIC is asked for and its decoder is not installed.
         AvatarError: the process could not be started, or broke its protocol; not the photo's fault.
     """
-    environment = {name: os.environ[name] for name in _KEPT_ENVIRONMENT if name in os.environ}
-    with written_apart(
-        decoder_command(request.codec), limits.wall_seconds, environment, request.pack() + request.payload
-    ) as (status, out):
+    with ended(_decoder(request.codec), limits.wall_seconds, request.pack() + request.payload) as (status, out):
         started, pixels = out.read(1) == READY, bytearray()
         reply = _reply(out, request.output.channels, limits) if started and status is not None else None
         if reply is None:
@@ -167,34 +164,75 @@ def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple
     return reply, pixels
 
 
-@contextlib.contextmanager
-def written_apart(
-    command: Sequence[str], seconds: float, environment: Mapping[str, str], given: bytes = b""
-) -> Iterator[tuple[int | None, BinaryIO]]:
-    """What a program of ours writes in a process of its own, which limits the size of that itself.
+Begun = tuple[subprocess.Popen[bytes], BinaryIO]
+"""A program of ours in a process of its own, and the file that it writes to: in memory, where the system can."""
 
-    Args:
-        command: our own interpreter with our own code.
-        seconds: after which it is stopped.
-        environment: its variables, all of them.
-        given: on its standard input.
+_AHEAD: list[Begun] = []
 
-    Yields:
-        Its exit status, None where it was stopped; and its standard output, kept in memory where the system can.
+
+def expect_photo() -> None:
+    """Start the process that decodes the next photo, unless it is HEIC; it waits for the photo, its libraries loaded.
 
     Raises:
         AvatarError: it could not be started.
     """
-    with os.fdopen(os.memfd_create("out"), "w+b") if sys.platform == "linux" else tempfile.TemporaryFile() as out:
+    _AHEAD.append(_decoder(Codec.JPEG))
+
+
+def _decoder(codec: Codec) -> Begun:
+    """The process that waits, or a new one."""
+    with contextlib.suppress(IndexError):
+        if codec != Codec.HEIC:
+            process, out = _AHEAD.pop()
+            if process.poll() is None:
+                return process, out
+            with process, out:  # somebody has ended it
+                pass
+    environment = {name: os.environ[name] for name in _KEPT_ENVIRONMENT if name in os.environ}
+    return begun(decoder_command(codec), environment)
+
+
+def begun(command: Sequence[str], environment: Mapping[str, str]) -> Begun:
+    """Start our own interpreter with our own code, in these variables alone; what it writes it limits itself.
+
+    Raises:
+        AvatarError: it could not be started.
+    """
+    linux = sys.platform == "linux"
+    out = os.fdopen(os.memfd_create("out"), "w+b") if linux else tempfile.TemporaryFile()  # noqa: SIM115 - see ended
+    try:
+        process = subprocess.Popen(  # noqa: S603 - our own interpreter and our own code, no shell
+            command, stdin=subprocess.PIPE, stdout=out, stderr=subprocess.DEVNULL, env=environment,
+            start_new_session=True,
+        )  # fmt: skip
+    except OSError as fault:
+        out.close()
+        raise AvatarError("the process that decodes photos and videos could not be started") from fault
+    return process, out
+
+
+@contextlib.contextmanager
+def ended(begun: Begun, seconds: float, given: bytes = b"") -> Iterator[tuple[int | None, BinaryIO]]:
+    """What a process wrote after it was given something on its standard input.
+
+    Args:
+        begun: the process.
+        seconds: after which it is stopped.
+        given: all of its input.
+
+    Yields:
+        Its exit status, None where it was stopped; and its standard output.
+    """
+    process, out = begun
+    with process, out:
         try:
-            status: int | None = subprocess.run(  # noqa: S603 - our own interpreter and our own code, no shell
-                command, input=given, stdout=out, stderr=subprocess.DEVNULL, env=environment, timeout=seconds,
-                start_new_session=True, check=False,
-            ).returncode  # fmt: skip
-        except subprocess.TimeoutExpired:
+            process.communicate(given, timeout=seconds)
+            status: int | None = process.returncode
+        except BaseException as fault:
+            process.kill()
+            if not isinstance(fault, subprocess.TimeoutExpired):
+                raise
             status = None
-        except OSError as fault:
-            raise AvatarError("the process that decodes photos and videos could not be started") from fault
         out.seek(0)
         yield status, out
 

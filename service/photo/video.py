@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from service.errors import CorruptImage, TooComplex, TooManyBytes, TooManyPixels
-from service.photo.gate import written_apart
+from service.photo.gate import begun, ended
 from service.photo.wire import lower_limits
 
 
@@ -73,7 +73,7 @@ def sharp_frames(data: bytes, limits: VideoLimits = VideoLimits()) -> list[bytes
         numbers = (limits.moments, limits.max_frames, limits.max_pixels, limits.memory_bytes, limits.cpu_seconds)
         root = Path(__file__).resolve().parents[2]
         command = [sys.executable, "-E", "-s", "-c", _BOOT, str(root), str(path), *map(str, numbers)]
-        with written_apart(command, limits.wall_seconds, {}) as (status, out):
+        with ended(begun(command, {}), limits.wall_seconds) as (status, out):
             frames = _frames(out.read())
     if status is None:
         raise TooComplex(f"reading the video took more than {limits.wall_seconds:g} s")

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csc_array
 
 from service.arrays import Float32, Float64
 from service.colour import LUMA, linear_to_srgb, srgb_to_linear
@@ -27,6 +27,9 @@ from service.image_filters import blurred
 from service.light.formulas import LUMINANCE, sh_basis
 from service.robust import agreement, smoothstep
 from service.texture.unwrap import Segmentation, Unwrapped, Zones
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
 
 GAIN_SMOOTHNESS, GAIN_PRIOR = 0.5, 0.02
 """Weights of the gains' smoothness, and of the ratio of the lights, relative to a texel that both photos see well."""

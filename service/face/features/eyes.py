@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.face.features.iris import Iris, Search, search
@@ -267,6 +266,8 @@ def eyes_on_rims(head: HeadModel, neutral: AnyFloat, photos: Sequence[SeenRims])
 
 def _moved(head: HeadModel, neutral: Float64, camera: Camera, side: str, rim: Rim, found: Followed) -> Float32:
     """(V, 3) by how much each vertex moves: rigidly near the eye, turned about the direction of view."""
+    from scipy.spatial import cKDTree
+
     lids = np.flatnonzero(head.region(f"eyelid_{side}") > 0.5)
     core = np.concatenate([lids, part_vertices(head, f"eye_{side}")])
     distance = cKDTree(neutral[core]).query(neutral, distance_upper_bound=FADES_M)[0]

@@ -54,7 +54,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[bytes], Options]]:
     calls: list[tuple[list[bytes], Options]] = []
     camera = SimpleNamespace(focal_px=1.0, yaw_pitch_roll_deg=lambda: (1.0, 2.0, 3.0))
 
-    def make_avatar(data: list[bytes], options: Options, progress: Any, head_file: Path | None) -> SimpleNamespace:
+    def make_avatar(data: list[bytes], options: Options, progress: Any, *_: Any, **__: Any) -> SimpleNamespace:
         calls.append((data, options))
         progress("fit", 0.5)
         return SimpleNamespace(
@@ -84,6 +84,8 @@ def replace(
         module = ModuleType(name)
         setattr(module, attribute, function)
         monkeypatch.setitem(sys.modules, name, module)
+    for begun in ("expect_photo", "FaceNetworks"):
+        monkeypatch.setattr(f"service.cli.make_and_maps.{begun}", lambda *_: None)
 
 
 def test_several_photos_are_one_avatar_and_those_left_out_are_named(
@@ -104,7 +106,7 @@ def test_a_fault_of_one_of_several_photos_has_the_name_of_its_file(
 ) -> None:
     photo.with_name("b.jpg").write_bytes(b"another")
 
-    def make_avatar(*_: object) -> None:
+    def make_avatar(*_: object, **__: object) -> None:
         raise errors.Strangers("it is another person", photos=[1])
 
     replace(monkeypatch, make_avatar, lambda *_: None)

@@ -353,3 +353,16 @@ def test_broken_profile_is_ignored_with_a_warning(profile: bytes) -> None:
     photo = read_photo(broken)
     assert np.array_equal(photo.pixels, read_photo(data).pixels)
     assert photo.warnings == ("icc-ignored",)
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_process_that_was_started_ahead_decodes_one_photo(killed: bool) -> None:
+    gate.expect_photo()
+    ((process, _),) = gate._AHEAD
+    if killed:
+        process.kill()
+        process.wait()
+    data = bad.save(PICTURE, "PNG")
+    assert np.array_equal(read_photo(data).pixels, PICTURE)
+    assert not gate._AHEAD
+    assert process.returncode == (-9 if killed else 0)
