@@ -5,7 +5,7 @@ makes out hair, each texel near that is asked whether its colour is that of the 
 is found counts as hair for the next round: a lock is followed to its tip. Where glasses are worn, and the reader
 suspects them, lines no wider than a rim are rims.
 
-Darkness hides skin, too: what is nearly black in some colour, under a brim or where a cast clips it.
+Darkness hides skin, too: what is nearly black in some colour, under a brim or where a cast clips it; and brows in it.
 """
 
 from __future__ import annotations
@@ -122,6 +122,9 @@ def _lines(chart: Chart, bright: Float32, seen: Bool) -> Float32:
 
 DARK_ITSELF = (BROW, BEARD, SCLERA, IRIS, MOUTH)
 """Parts that may be nearly black."""
+SHADED, BESIDE = (0.3, 0.45), 0.017
+"""Coded luminance of the skin beside, as a share of the face's median, up to which a brow, too, is dark for want of
+light, and from which on of its own. Standard deviation of what counts as beside, over the chart's width: 7 mm."""
 CLIPPED = 18 / 255
 """Coded least channel from which on skin tells its colour, and from a third of which down it does not: 8 bits leave a
 dozen steps of it, and sensors their noise."""
@@ -147,4 +150,9 @@ def in_the_dark(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones
         return np.zeros_like(least)
     limit = min(CLIPPED, USUAL * float(np.median(least[bare])))
     dark = 1 - smoothstep(least, limit / 3, limit)
-    return np.asarray(dark * told * zones.skin * (1 - parts[:, DARK_ITSELF].sum(1).clip(0, 1)), np.float32)
+    bright = unwrapped.colour @ LUMA
+    skin = blurred(chart.spread(np.c_[bright * bare, bare].astype(np.float32)), BESIDE * chart.width)
+    beside = (skin[..., 0] / np.maximum(skin[..., 1], np.float32(1e-3))).ravel()[chart.texels]
+    shaded = (1 - smoothstep(beside / np.median(bright[bare]), *SHADED)) * (parts[:, BROW] > OWN_FEATURES[1])
+    own = parts[:, DARK_ITSELF].sum(1).clip(0, 1) * (1 - shaded)
+    return np.asarray(dark * told * zones.skin * (1 - own), np.float32)

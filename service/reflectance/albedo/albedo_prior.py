@@ -230,6 +230,17 @@ def clues(
     ).astype(np.float32)
 
 
+def certainty(light: Float32, texture: Float32, seen: Float32) -> Float32:
+    """(h, w) float32 in [0, 1], how far the albedo of seen skin (h, w) tells of the rest: less where it is more likely
+    off than at the median of that skin, as at the edge of a cap's shadow, whose texels err together.
+
+    Args: as in :func:`clues`.
+    """
+    error = error_model().stated(clues(light, texture, seen, np.zeros_like(seen), None, white_seen=True))
+    usual = np.median(error[seen > 0.5]) if (seen > 0.5).any() else MOST
+    return np.asarray(np.minimum(usual / error, 1) ** 4, np.float32)
+
+
 def error_map(stated: Float32, skin: UInt8, size: tuple[int, int]) -> UInt8:
     """(H, W) uint8 of ``size`` (width, height), 255 = ``MOST``; that also where a texel is no skin, as it is painted.
 

@@ -30,7 +30,7 @@ from service import manifest
 from service.arrays import Float32
 from service.colour import LUMA, linear_to_srgb
 from service.image_filters import blurred, most
-from service.reflectance.albedo.albedo_prior import DARKEST, AlbedoPrior, albedo_prior
+from service.reflectance.albedo.albedo_prior import DARKEST, AlbedoPrior, albedo_prior, certainty
 
 SEEN_CHANGE = 1 / 255
 """Change of an sRGB value from which a texel counts as changed: one step of an 8-bit map."""
@@ -369,6 +369,8 @@ def as_seen_skin(
     """
     if float(lit.sum()) < 1 or not inpainted.any():
         return light
+    sure = certainty(found, texture, lit)
+    lit, shown = lit * sure, shown - lit * (1 - sure)
     colour = np.log(np.maximum(texture, np.float32(DARKEST)))
     seen = np.asarray(colour - (lit * found + (1 - lit) * light), np.float32)
     usual = np.zeros_like(seen) if prior is None else prior.complete(seen, shown)

@@ -82,6 +82,26 @@ def test_the_prior_in_the_box_is_of_the_head_in_the_box() -> None:
     assert FILE.is_file()
 
 
+def test_the_edge_of_a_shadow_above_the_eyes_tells_no_brows() -> None:
+    """Shade that is left at the edge of what is seen under a cap was likeliest the rim of thick black brows."""
+    head, prior = load_head(None), albedo_prior(bearded=False)
+    chart = Chart.build(head, 288, 192)
+    brows, cheeks = (chart.interpolate(vertex_mask(head, a, b))[..., 0] > 0.5
+                     for a, b in (("brow_left", "brow_right"), ("cheek_left", "cheek_right")))  # fmt: skip
+    rows = np.arange(192)[:, None] * np.ones((1, 288), np.int64)
+    lowest = int(rows[brows].max())
+    lit = np.asarray((chart.mask & (rows > lowest - 2)).astype(np.float32))
+    truth = prior.complete(np.zeros((3, 192, 288), np.float32), 0 * lit)
+    shade = -2 * np.clip((lowest + 4 - rows) / 6, 0, 1).astype(np.float32)
+    light, texture = np.stack([0.6 * shade] * 3), np.exp(truth + shade)
+    made = np.log(texture) - as_seen_skin(continued(light, lit), texture, light, lit, 1 - lit, lit, prior)
+
+    def darker(albedo: np.ndarray) -> float:
+        return float(albedo[:, brows].mean() - albedo[:, cheeks].mean())
+
+    assert darker(made) == pytest.approx(darker(truth), abs=0.45)
+
+
 SHAPE = (24, 36)
 
 
