@@ -299,7 +299,7 @@ class Renderer:
         return np.asarray(image.transpose(0, 2, 1, 3).reshape(-1, size, size)[: len(matrices)])
 
     def _maps(self) -> dict[str, Any]:
-        names = ("layers", "strands", "places", "gobo", "sky", "iris")
+        names = ("layers", "strands", "places", "gobo", "sky", "iris", "made")
         maps = {name: self.textures.get(name, self.textures["none"]) for name in names}
         return {**maps, "shadow": self.lamp_depth}
 

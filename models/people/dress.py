@@ -120,7 +120,7 @@ def dress(
     if only is None:
         _beard(s, out, person, skin, colour)
     if s.chance(0.85):
-        item = wardrobe.items[_pick(s, wardrobe.names("cloth"))]
+        item = wardrobe.items[_cloth(s, skin.male, wardrobe)]
         tint = tuple(float(x) for x in np.exp(s.normal(0.0, 0.5, 3)))
         plain = tuple(float(x) for x in s.uniform(0.02, 0.8, 3) ** 1.5)
         out.meshes.append(card(item, "cloth", still, labels.CLOTH, shadows=False,
@@ -144,6 +144,13 @@ def dress(
     if s.chance(0.2):
         out.screens.append(screen(seed))
     return out
+
+
+def _cloth(s: Stream, male: bool, wardrobe: Items) -> str:
+    """Name of what somebody wears: mostly what was made for their sex; the rest of the wardrobe for one in four."""
+    names = wardrobe.names("cloth")
+    own = [name for name in names if ("female" not in name) == male]
+    return _pick(s, names if s.chance(0.25) else own)
 
 
 def _head_wear(s: Stream, out: Outfit, person: Person, wardrobe: Items) -> float | str | None:
@@ -180,7 +187,7 @@ def _mesh_hair(
 
 def _beard(s: Stream, out: Outfit, person: Person, skin: Skin, colour: tuple[float, ...]) -> None:
     """A beard drawn on the skin, and for some longer ones fur; mostly on men."""
-    if not s.chance(0.65 if skin.male else 0.05):
+    if not s.chance(0.65 if skin.male else 0.01):
         return
     kind, length = s.one(), s.one(0.3, 3.0)
     beard, moustache = (

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from models.lightstage.skin.streams import Stream
 from models.people.develop import backdrop, develop
+from models.people.cosmetics import earrings, make_up, places
 from models.people.draw import Mesh, Renderer, renderer
 from models.people.dress import dress, hair_colour
 from models.people.figure import figure, recessed
@@ -108,6 +109,8 @@ def portrait(
     worn = worn if outfit.groomed else None
     roots = None if worn is None else covered(worn.groom, head.mean)
     scene = [*figure(person, skin, hair, wardrobe, seed, roots), *outfit.meshes]
+    if only is None:
+        scene += earrings(seed, skin.male, person.neutral)
     _textures(r, seed, person.skin, folder, light.sky, light.gobo, scene)
     shared = {
         "eye": tuple(float(x) for x in camera.centre),
@@ -125,6 +128,7 @@ def portrait(
         "eyeLook": (0.35, 0.3, 1.0, 0.0),
         "glare": 1e9,
         "scalp": tuple(float(x) for x in hair),
+        **make_up(seed, skin.male),
     }
     for mesh in scene:  # a uniform that one mesh sets must not stay for the next
         mesh.uniforms = {**{k: shared[k] for k in _OWN}, **mesh.uniforms}
@@ -197,12 +201,13 @@ _OWN = (
 def _textures(
     r: Renderer, seed: int, skin: int, folder: Path, sky: Float, gobo: npt.NDArray[np.uint8], meshes: list[Mesh]
 ) -> None:
-    strands, places = load_beards(folder)
+    strands, beard_places = load_beards(folder)
     loaded = load_skin(skin, folder)
     items = load_wardrobe().items
     r.put(f"skin{skin}", loaded.albedo)
     r.put("strands", strands)
-    r.put("places", places)
+    r.put("places", beard_places)
+    r.put("made", places())
     r.put("layers", loaded.layers, keep=False)
     r.put("sky", np.ascontiguousarray(sky[::-1]), keep=False, repeat=True)
     r.put("iris", items[_iris(seed, items)].picture, keep=False)

@@ -80,6 +80,9 @@ uniform sampler2D gobo; uniform float goboShare;
 uniform sampler2D sky;       // latitude-longitude, linear, with mip levels
 uniform float transmission;  // of lenses
 uniform sampler2D iris; uniform vec4 eyeLook;  // pupil scale, redness, brightness
+uniform sampler2D made;      // places of make-up: upper lids, edges of the lids, cheeks, brows
+uniform vec4 lipPaint; uniform vec4 lidPaint;  // linear RGB and strength
+uniform vec4 facePaint;      // line round the eyes, rouge, plucked brows, foundation
 uniform float graininess;
 out vec4 result;
 
@@ -127,6 +130,13 @@ void main() {
   if (kind == 0) {
     vec4 over = texture(layers, t.xy);
     albedo = linear(texture(picture, t.xy).rgb) * tone.rgb;
+    vec4 paint = texture(made, t.xy);
+    vec3 even = linear(texture(picture, t.xy, 5.0).rgb) * tone.rgb;
+    albedo = mix(albedo, even, max(facePaint.w * (1.0 - max(over.r, over.g)), facePaint.z * over.g * paint.a));
+    albedo *= mix(vec3(1.0), vec3(1.05, 0.7, 0.72), facePaint.y * paint.b);
+    albedo = mix(albedo, lidPaint.rgb, lidPaint.a * paint.r);
+    albedo *= 1.0 - 0.9 * facePaint.x * smoothstep(0.05, 0.4, paint.g);
+    albedo = mix(albedo, lipPaint.rgb * (0.5 + albedo / max(max(albedo.r, albedo.g), 1e-3) * 0.5), lipPaint.a * over.r);
     albedo = mix(albedo, albedo * vec3(0.8, 0.3, 0.26) + vec3(0.03, 0.0, 0.0), t.z);   // mouth lining and socket
     float roots = max(over.a, -t.w);   // hair painted on the scalp; t.w < 0: of a groom's roots
     albedo = mix(albedo, scalp * (0.75 + 0.5 * blob(t.xy * 300.0)), roots * 0.85);

@@ -32,10 +32,10 @@ Float = npt.NDArray[np.float32]
 SHARED = 3
 """People who wear one groom, if they are of one sex."""
 CHANCE: Mapping[bool, Mapping[str, float]] = {
-    False: {"shaved": 0.02, "crop": 0.05, "side_part": 0.06, "slicked_back": 0.04, "afro": 0.06, "bob": 0.18,
-            "curly": 0.12, "long_wavy": 0.22, "ponytail": 0.15, "bun": 0.10},
-    True: {"shaved": 0.10, "crop": 0.26, "side_part": 0.22, "slicked_back": 0.11, "afro": 0.06, "bob": 0.04,
-           "curly": 0.09, "long_wavy": 0.05, "ponytail": 0.04, "bun": 0.03},
+    False: {"shaved": 0.02, "crop": 0.04, "side_part": 0.05, "slicked_back": 0.02, "afro": 0.05, "bob": 0.16,
+            "curly": 0.11, "long_wavy": 0.21, "ponytail": 0.20, "bun": 0.14},
+    True: {"shaved": 0.10, "crop": 0.27, "side_part": 0.23, "slicked_back": 0.13, "afro": 0.06, "bob": 0.03,
+           "curly": 0.08, "long_wavy": 0.04, "ponytail": 0.04, "bun": 0.02},
 }  # fmt: skip
 """How often women and men (True) begin as each of the named styles.
 

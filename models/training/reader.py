@@ -121,13 +121,13 @@ class Run(PeopleRun[Reader]):
         super().__init__("reader", folder, network, optimiser, network.size)
         self.go_on(self.device)
 
-    def train_step(self, batch: Batch, left: float, bf16: bool) -> dict[str, float]:
-        """One step; ``left`` is the share of the run's time that remains.
+    def train_step(self, batch: Batch, left: float, bf16: bool, rate: float = RATE) -> dict[str, float]:
+        """One step; ``left`` is the share of the run's time that remains, ``rate`` its highest learning rate.
 
         Raises:
             ModelFault: the loss is not finite.
         """
-        self.set_rate(RATE * min((self.step + 1) / WARM_UP_STEPS, 1.0) * max(min(left / 0.4, 1.0), 0.02))
+        self.set_rate(rate * min((self.step + 1) / WARM_UP_STEPS, 1.0) * max(min(left / 0.4, 1.0), 0.02))
         batch = batch.to(self.device)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=bf16):
             read = self.network.read(batch.image)
@@ -151,7 +151,7 @@ def shards(data: Path, *, held_out: bool) -> list[Path]:
 
 def train(
     run: Run, data: Path, minutes: float, batch: int, every: float, most: int, bf16: bool, steps: int = 0,
-    sitting: float = np.inf, workers: int = 0,
+    sitting: float = np.inf, workers: int = 0, rate: float = RATE,
 ) -> None:  # fmt: skip
     """Train until the run has lasted ``minutes``, or for ``steps`` if given; measure every ``every`` minutes.
 
@@ -169,7 +169,7 @@ def train(
         return spent / length if length > 0 else 1.0
 
     while done() < 1.0 and time.monotonic() - begun < 60 * sitting:
-        for name, value in run.train_step(next(made), 1.0 - done(), bf16).items():
+        for name, value in run.train_step(next(made), 1.0 - done(), bf16, rate).items():
             sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
         run.seconds = before + time.monotonic() - begun
         if run.seconds - saved > 60.0 * every or done() >= 1.0:
@@ -198,6 +198,7 @@ def main() -> None:
     parser.add_argument("--every", type=float, default=10.0, help="minutes between measurements")
     parser.add_argument("--most", type=int, default=256, help="held-out people to measure on")
     parser.add_argument("--batch", type=int, default=16)
+    parser.add_argument("--rate", type=float, default=RATE, help="highest learning rate")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--shipped", action="store_true", help="a run that has not begun takes the service's weights")
     parser.add_argument("--threads", type=int, default=0, help="of torch; 0 leaves its own choice")
@@ -212,7 +213,7 @@ def main() -> None:
     work = flops(copy.deepcopy(run.network).cpu()) / 1e9
     sys.stderr.write(f"reader: {work:.2f} GFLOP a crop, from step {run.step}\n")
     lengths = chosen.minutes, chosen.batch, chosen.every, chosen.most
-    train(run, chosen.data, *lengths, chosen.bf16, chosen.steps, chosen.sitting, chosen.workers)
+    train(run, chosen.data, *lengths, chosen.bf16, chosen.steps, chosen.sitting, chosen.workers, chosen.rate)
 
 
 if __name__ == "__main__":
