@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -247,8 +247,9 @@ _SHIFT = 4
 """Fractional bits of OpenCV's fixed-point coordinates."""
 
 
+@lru_cache(maxsize=1)
 def islands(head: HeadModel, size: tuple[int, int]) -> UInt8:
-    """(H, W) uint8 part of each texel of a map (width, height), ``NO_PART`` outside all islands.
+    """(H, W) uint8 part of each texel of a map (width, height), ``NO_PART`` outside all islands; of the last size kept.
 
     A texel that an outline crosses is inside.
     """
@@ -260,4 +261,5 @@ def islands(head: HeadModel, size: tuple[int, int]) -> UInt8:
         chosen = head.triangle_uv[head.triangle_part == index]
         for triangle in points[chosen]:
             cv2.fillConvexPoly(result, triangle, index, cv2.LINE_8, _SHIFT)
+    result.flags.writeable = False
     return result

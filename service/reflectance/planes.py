@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
+from math import gcd
 from typing import Any
 
 import cv2
@@ -47,13 +47,13 @@ def read_window(
 
 def interpolate_into(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:
     """Write what :func:`interpolated` returns into an existing plane."""
-    down, across = Fraction(size[1], plane.shape[0]), Fraction(size[0], plane.shape[1])
-    if max(down.denominator, across.denominator) > MOST_PERIOD or not into.size:
+    periods = [coarse // gcd(coarse, fine) for coarse, fine in zip(plane.shape, size[::-1], strict=True)]
+    if max(periods) > MOST_PERIOD or not into.size:
         into[...] = _interpolated_anywhere(plane, size, rows, columns)
         return
     (top, bottom, first_row, tall), (left, right, first_column, wide) = (
-        _around(int(index.min()), int(index.max()), ratio, count)
-        for index, ratio, count in zip((rows, columns), (down, across), plane.shape, strict=True)
+        _around(int(index.min()), int(index.max()), fine, coarse, period)
+        for index, fine, coarse, period in zip((rows, columns), size[::-1], plane.shape, periods, strict=True)
     )
     part = np.ascontiguousarray(plane[top:bottom, left:right])
     pick(cv2.resize(part, (wide, tall), interpolation=cv2.INTER_LINEAR), rows - first_row, columns - first_column, into)
@@ -63,17 +63,17 @@ MOST_PERIOD = 8
 """Coarse texels after which their borders meet those of the map's texels again, up to which OpenCV interpolates."""
 
 
-def _around(first: int, last: int, ratio: Fraction, count: int) -> tuple[int, int, int, int]:
+def _around(first: int, last: int, fine: int, coarse: int, period: int) -> tuple[int, int, int, int]:
     """First coarse texel and the one after the last around texels ``first`` to ``last`` of a map, first texel of the
-    map that they cover, and how many they cover.
+    map that they cover, and how many they cover; a line of ``fine`` texels of the map has ``coarse`` ones.
 
     OpenCV is several times as fast as indexing. One more coarse texel on each side keeps its border handling out of the
     result; and their borders are borders of texels of the map.
     """
-    period = ratio.denominator
-    low = max(int(first / ratio) - 1, 0) // period * period
-    high = min(-(-(int(last / ratio) + 2) // period) * period, count)
-    return low, high, int(low * ratio), int(high * ratio) - int(low * ratio)
+    low = max(first * coarse // fine - 1, 0) // period * period
+    high = min(-(-(last * coarse // fine + 2) // period) * period, coarse)
+    start = low * fine // coarse
+    return low, high, start, high * fine // coarse - start
 
 
 def _interpolated_anywhere(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices) -> Float32:
