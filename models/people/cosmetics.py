@@ -90,7 +90,7 @@ def earrings(seed: int, male: bool, vertices: Float) -> list[Mesh]:
         placed = np.asarray(points + at, np.float32)
         meshes.append(
             Mesh("plain", placed, smooth_normals(placed, triangles), triangles, np.zeros((len(placed), 4), np.float32),
-                 labels.OTHER, uniforms={"colour": metal, "gloss": (0.08, 0.2, 0.7, 8.0)})  # fmt: skip
+                 labels.OTHER, uniforms={"colour": metal, "gloss": (0.08, 0.2, 0.7, 8.0)})
         )
     return meshes
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from models.lightstage.skin.streams import Stream
-from models.people.develop import backdrop, develop
 from models.people.cosmetics import earrings, make_up, places
+from models.people.develop import backdrop, develop
 from models.people.draw import Mesh, Renderer, renderer
 from models.people.dress import dress, hair_colour
 from models.people.figure import figure, recessed
