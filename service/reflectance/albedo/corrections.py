@@ -256,9 +256,6 @@ LIGHT_CONTRAST = LightCorrection(
 WIDEST = 64
 """Standard deviation of the widest blur that continues light, texels of the context: a third of the chart's width."""
 
-SEAM = 0.12
-"""Share of the chart's width and height over which the two sides of the seam are blended: the back of the head."""
-
 GRAIN = 3.0
 """Standard deviation of the blur below which inpainted skin keeps its own detail, texels of the context: finer than any
 shade of a fold."""
@@ -269,9 +266,6 @@ far it goes on is for the prior to tell."""
 
 BEARDED = 0.45
 """Share of the chart's height below which a beard may go on: below the eyes. Brows do not go on."""
-
-SHADED = 0.3
-"""Quantile of the light on lit skin below which no continued light falls; chosen on photos with caps and fringes."""
 
 NEAR_LIT = (6.0, 3.0)
 """Standard deviation of the blur, texels of the context, 9 mm, by which lit skin reaches over brows; and its gain."""
@@ -304,42 +298,9 @@ def continued(light: Float32, lit: Float32) -> Float32:
     return np.asarray(np.moveaxis(soft * planes + (1 - soft) * filled, 2, 0), np.float32)
 
 
-def seamless(light: Float32) -> Float32:
-    """(C, h, w) light that is equal on both sides of the head's seam, which runs along three borders of the chart.
-
-    The chart is symmetric: a point of the seam lies at (x, y) and at (w - x, y). Towards it both sides approach their
-    mean; light from the left would else end in a step at the middle of the crown.
-    """
-    _, height, width = light.shape
-    x, y = np.arange(width) + 0.5, np.arange(height) + 0.5
-    near = np.minimum(np.minimum(x, width - x)[None] / (width * SEAM), y[:, None] / (height * SEAM))
-    far = np.clip(near, 0, 1).astype(np.float32)
-    share = np.float32(0.5) * (1 - far * far * (3 - 2 * far))
-    return np.asarray(light + share * (light[..., ::-1] - light), np.float32)
-
-
 def beside_lit(lit: Float32) -> Float32:
     """(h, w) in [0, 1], 1 on lit skin (h, w) and on what is narrow in it, as brows are."""
     return np.asarray(np.clip(NEAR_LIT[1] * blurred(np.clip(lit, 0, 1), NEAR_LIT[0]), 0, 1), np.float32)
-
-
-def with_shade_floor(everywhere: Float32, light: Float32, lit: Float32) -> Float32:
-    """(C, h, w) continued light, raised to the ``SHADED`` quantile of the lit skin where it is below.
-
-    The shade under the brim of a cap, or of a fringe, is not the light on the cap or on the hair above it. Brows lie in
-    the shade that the skin beside them does.
-
-    Args:
-        everywhere: light of :func:`continued`.
-        light: as it was found.
-        lit: (h, w) in [0, 1], where the light is to be believed.
-    """
-    chosen = lit > 0.5
-    if not chosen.any():
-        return everywhere
-    floor = np.quantile(light.mean(0)[chosen], SHADED)
-    more = np.maximum(np.float32(floor) - everywhere.mean(0), 0) * (1 - np.maximum(lit, beside_lit(lit)))
-    return np.asarray(everywhere + more, np.float32)
 
 
 def as_seen_skin(
@@ -394,14 +355,14 @@ def _blurred(planes: Float32, sigma: float) -> Float32:
 
 
 def everywhere(at: ChartLight) -> Float32:
-    """(3, h, w) log light of the whole chart: that of lit skin, continued to all else, closed at the seam.
+    """(3, h, w) log light of the whole chart: that of lit skin, continued to all else.
 
     Inpainted skin has the albedo of the prior in the box, where the chart is the one that it was learnt on.
     """
-    light = with_shade_floor(continued(at.light, at.lit), at.found, at.weight)
-    if at.inpainted.any():
-        light = as_seen_skin(light, at.texture, at.found, at.weight, at.inpainted, at.shown, at.prior)
-    return seamless(light)
+    light = continued(at.light, at.lit)
+    if not at.inpainted.any():
+        return light
+    return as_seen_skin(light, at.texture, at.found, at.weight, at.inpainted, at.shown, at.prior)
 
 
 UNSEEN_SKIN = LightCorrection(

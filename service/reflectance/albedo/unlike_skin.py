@@ -20,16 +20,12 @@ from service.colour import LUMA
 from service.image_filters import blurred
 from service.reflectance.albedo.albedo_prior import AlbedoPrior
 from service.reflectance.albedo.corrections import ChartLight, LightCorrection
-from service.robust import smoothstep
 
 BOUNDS = ((-0.35, 0.30), (-0.2, 0.2), (-0.2, 0.2))
 """Natural logarithms of luminance, of red over green and of blue over green, beyond which skin is not taken to differ
 from what the prior expects there."""
 BEYOND = 0.1
 """Share of what lies beyond that stays."""
-DEEP = (-0.4, -0.9)
-"""Logarithms of luminance below what is expected from which on a texel's colour counts less, and from which on it is
-that of the sensor's noise and of clipped channels."""
 DOUBT = 0.15
 """Excess at which a texel's say in what the rest is like falls to a third."""
 ROUNDS = 3
@@ -103,9 +99,7 @@ def _colours(opponents: Float32) -> Float32:
 def _beyond(apart: Float32) -> Float32:
     """(3, h, w) of differences what counts as light."""
     bounds = np.array(BOUNDS, np.float32)[..., None, None]
-    excess = (1 - BEYOND) * (apart - np.clip(apart, bounds[:, 0], bounds[:, 1]))
-    excess[1:] += smoothstep(apart[0], *DEEP) * (apart[1:] - excess[1:])
-    return np.asarray(excess, np.float32)
+    return np.asarray((1 - BEYOND) * (apart - np.clip(apart, bounds[:, 0], bounds[:, 1])), np.float32)
 
 
 def _apply(at: ChartLight) -> Float32:

@@ -16,7 +16,6 @@ from service.reflectance.albedo.corrections import (
     continued,
     evenness,
     less_contrast,
-    with_shade_floor,
     within_skin,
 )
 from service.reflectance.albedo.diffuse_albedo import NAMES
@@ -120,18 +119,3 @@ def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:
     assert as_seen_skin(light, texture, light, 0 * lit, 1 - lit, 0 * lit) is light
     assert as_seen_skin(light, texture, light, lit, 0 * lit, lit) is light
     assert np.isfinite(as_seen_skin(light, 0 * texture, light, lit, 1 - lit, lit)).all()
-
-
-def test_the_shade_under_a_brim_ends_where_the_skin_does() -> None:
-    """Carried on, it would make a cap glow; a quarter of the face lies in shade of one seventh."""
-    lit = np.zeros(CONTEXT_SHAPE, np.float32)
-    lit[40:] = 1
-    light = np.zeros((3, *CONTEXT_SHAPE), np.float32)
-    light[:, 40:54] = -2
-    light[:, 54:] = np.array([0.1, 0.0, -0.1], np.float32)[:, None, None]
-    on = continued(light, lit)
-    result = with_shade_floor(on, light, lit)
-    assert on[:, 10].mean() < -0.8 and abs(float(result[:, 10].mean())) < 1e-5
-    assert np.array_equal(result[:, 40:], on[:, 40:])
-    assert np.allclose(result - on, (result - on)[:1], atol=1e-6)  # the tint stays
-    assert np.array_equal(with_shade_floor(on, light, np.zeros_like(lit)), on)
