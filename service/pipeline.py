@@ -19,14 +19,13 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from typing import Literal, TypeVar
 
 import numpy as np
 
-from service.ahead import FaceNetworks
+from service.ahead import FaceNetworks, head_and_chart, modes_of
 from service.anatomy.eyes import eye_parts
 from service.anatomy.items import read_insets, read_items
 from service.anatomy.mouth import mouth_parts
@@ -38,16 +37,13 @@ from service.diagnosis import peak_rss_mb
 from service.face.features.eye_colours import NAMED_IRISES
 from service.face.features.mouth import with_mouth_shut
 from service.face.finder import Face, choose_face
-from service.face.fit.landmark_fit import modes
 from service.face.identity import population
 from service.face.profile import faces_by_reading
 from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all, with_frames
-from service.geometry.chart import Chart
 from service.hair.asked import NONE
 from service.hair.bank import read_bank
 from service.hair.find_hair import grow_hair, see_hair
 from service.hair.wear import hair_cards, hair_in_albedo
-from service.head.files import load_head
 from service.head.model import HeadModel
 from service.levels import Size
 from service.likeness import likeness
@@ -127,13 +123,12 @@ def make_avatar(
         warnings += (SMALL_TILES,)
     early = plan.networks if tile >= DEFAULT_TILE else ()  # where tiles are small, memory is scarce
     engine = choose_engine(options.runtime, precision=options.level.precision)
-    networks = FaceNetworks(options.fit) if loaded is None else loaded
-    reads = networks.reads
+    networks = FaceNetworks(options, head_file) if loaded is None else loaded
+    reads = networks.reads and options.fit != "landmarks"
     stage = _Timed(progress, BEFORE_NETWORKS if plan.stages else 1.0)
     with ThreadPoolExecutor(4) as pool, ExitStack() as held:
         # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
-        form = options.fit_settings().beyond if len(files) == 1 and options.fit == "full" else 0
-        head_and_chart = pool.submit(_head_and_chart, options.base_size, head_file, form)
+        placed = pool.submit(head_and_chart, options.base_size, head_file, modes_of(options, len(files)))
 
         with stage("decode"):
             gathered = kept("decode", _decoded, files, networks)
@@ -142,7 +137,8 @@ def make_avatar(
             gathered = kept("detect", _detected, gathered, options.face, options.leave_out, networks, doubted)
         engine = held.enter_context(loading_ahead(early, engine, networks.maps()))  # only now: many are refused
         with stage("fit"):
-            head, chart = head_and_chart.result()
+            head, chart = placed.result()
+            pool.submit(_read_tables, head)  # while the fit leaves a core idle
             if reads:
                 gathered = kept("read", read_all, gathered, networks.readers())
             gathered = kept("fit", fitted, gathered, head, options.fit_settings())
@@ -306,7 +302,7 @@ def _detected(
     def find(photo: Photo) -> Face:
         faces = networks.finder().find(photo.pixels)
         if not faces and doubted is not None:
-            head, _ = _head_and_chart(*doubted)
+            head, _ = head_and_chart(*doubted)
             found = networks.finder().doubted(photo.pixels)
             faces = faces_by_reading(photo.pixels, found, head, networks.readers().pixels)
         return choose_face(faces, chosen, photo.size)
@@ -329,32 +325,18 @@ def _sources(gathered: Gathered, texture: Texture, *, detail: bool) -> tuple[Sou
     return tuple(found)
 
 
-def _head_and_chart(size: Size, head_file: Path | None, beyond: int = 0) -> tuple[HeadModel, Chart]:
-    """The head to fit, its chart, and so many modes of it, which are kept where they are made."""
-    if head_file is None:
-        head, chart = _usual_head_and_chart(size)
-    else:
-        head = load_head(head_file)
-        chart = Chart.build(head, *size)
-    if beyond:
-        modes(head, beyond)
-    return head, chart
-
-
 def made_ahead() -> Ahead:
     """What drafts on the head in the box have in common, kept where it is made, and the networks of their maps."""
     draft = Options(quality="draft")
-    head, _ = _head_and_chart(draft.base_size, None, draft.fit_settings().beyond)
-    for read in (read_bank, read_items, read_insets, population, error_model):
-        read()
-    albedo_prior(False)
-    coarse_chart(head)
+    _read_tables(head_and_chart(draft.base_size, None, modes_of(draft))[0])
     for module in ("overlay", "sheet"):
         import_module(f"service.archive.preview.{module}")
     return Ahead(draft.plan().networks, choose_engine(draft.runtime, precision=draft.level.precision))
 
 
-@lru_cache(maxsize=1)
-def _usual_head_and_chart(size: Size) -> tuple[HeadModel, Chart]:
-    head = load_head()
-    return head, Chart.build(head, *size)
+def _read_tables(head: HeadModel) -> None:
+    """What all photos have in common beside the head, kept where it is read."""
+    for read in (read_bank, read_items, read_insets, population, error_model):
+        read()
+    albedo_prior(False)
+    coarse_chart(head)

@@ -76,7 +76,7 @@ def make(
     with progress_bar() as progress, naming(files):
         # After the cheap checks, as importing the program takes a large part of a second; meanwhile others begin.
         expect_photo()
-        networks = FaceNetworks(options.fit)
+        networks = FaceNetworks(options, model)
         from service.archive.pack import write_archive
         from service.pipeline import make_avatar
 

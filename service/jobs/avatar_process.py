@@ -28,7 +28,7 @@ from service.stage_cache import NoCache, StageCache
 HEAD = "head"
 """Key in the task's options that names another head model file, or null."""
 
-NETWORKS = FaceNetworks(maps=pipeline.made_ahead)
+NETWORKS = FaceNetworks(Options(quality="draft"), maps=pipeline.made_ahead)
 """Loaded by threads while the process waits for its one task."""
 
 expect_photo()
