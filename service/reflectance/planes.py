@@ -174,9 +174,10 @@ class Planes:
 
     def add_coarse(self, names: Sequence[str], values: Float32) -> None:
         """Add the channels of a coarser (C, h, w) array on the same chart, interpolated between its texels' centres."""
+        size = self.size  # channels that knew this object would keep it, and all its planes, until a collection
         for name, plane in zip(names, values, strict=True):
             self.channels[name] = Channel(
-                lambda rows, columns, into, plane=plane: interpolate_into(plane, self.size, rows, columns, into),  # type: ignore[misc]
+                lambda rows, columns, into, plane=plane: interpolate_into(plane, size, rows, columns, into),  # type: ignore[misc]
                 lambda size, plane=plane: resized(plane, size),  # type: ignore[misc]
             )
 

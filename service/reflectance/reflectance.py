@@ -333,12 +333,11 @@ def _displaced(
     """Displacement codes, and how the integration went."""
     steps = Steps.of(subject.chart, subject.vertices)
     part = subject.head.part_names.index("skin")
-    islands, skin = subject.islands(size), subject.skin(size)
-    surface = (islands == part) & (skin > 0)
+    surface = (subject.islands(size) == part) & (subject.skin(size) > 0)
     height, facts = displacement(bumps, steps, surface, keep_cliffs=keep_cliffs)
-    height *= skin * np.float32(1 / 255)
+    height *= subject.skin(size) * np.float32(1 / 255)
     texel_mm = steps.texel_mm() * np.float32(steps.width / size[0])
     join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
-    pad_heights(height, surface, islands == NO_PART)
+    pad_heights(height, surface, subject.islands(size) == NO_PART)
     return encode_heights(height), facts

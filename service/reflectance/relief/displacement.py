@@ -19,7 +19,7 @@ import numpy.typing as npt
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int64, UInt16
 from service.geometry.chart import Chart, chart_points
 from service.head.model import HeadModel
-from service.image_filters import by_strips, shrunk, stretched_to
+from service.image_filters import by_strips, shrunk, stretched_to, strips
 from service.manifest import Integration
 from service.reflectance.planes import read_window
 from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
@@ -157,7 +157,9 @@ def coarse_part(height: Float32, mask: Bool, steps: Steps) -> Float32:
         share = np.maximum(1 - np.abs(level - index), 0)
         if share.any():
             smooth += share * _wide_planes(total, weight, width_px)
-    return np.asarray(stretched_to(smooth, height.shape[::-1]) * mask, np.float32)
+    result = np.asarray(stretched_to(smooth, height.shape[::-1]), np.float32)
+    result *= mask
+    return result
 
 
 def _wide_planes(total: Float32, weight: Float32, sigma: float) -> Float32:
@@ -307,16 +309,7 @@ def join(height: Float32, seams: Seams, mask: Bool, texel_mm: Float32) -> None:
     seeds, of_seed = np.unique(np.concatenate([seams.one, seams.other]), return_inverse=True)
     total = np.bincount(of_seed, np.concatenate([half, -half]), len(seeds))
     value = (total / np.bincount(of_seed, minlength=len(seeds))).astype(np.float32)
-    empty = np.ones(mask.shape, np.uint8)
-    empty.ravel()[seeds] = 0
-    found, label = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    del empty
-    distance, label = np.asarray(found).ravel(), np.asarray(label).ravel()
-    owner = np.zeros(int(label.max()) + 1, np.int64)
-    owner[label[seeds]] = np.arange(len(seeds))
-    near = np.flatnonzero(mask.ravel() & (distance < REACH_MM / max(float(texel_mm.min()), 1e-3)))
-    distance, source = distance[near], owner[label[near]]  # frees the full planes, 100 MB each
-    del found, label
+    near, distance, source = _nearest_seeds(seeds, mask, REACH_MM / max(float(texel_mm.min()), 1e-3))
     region = np.asarray(cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[1]).ravel()
     same = region[near] == region[seeds[source]]
     del region
@@ -325,6 +318,32 @@ def join(height: Float32, seams: Seams, mask: Bool, texel_mm: Float32) -> None:
     mm = texel_mm[(row * scale[0]).astype(int), (column * scale[1]).astype(int)] * distance
     fade = 0.5 * (1 + np.cos(np.pi * np.minimum(mm / REACH_MM, 1.0)))
     flat[near] += np.where(same, value[source] * fade, 0).astype(np.float32)
+
+
+def _nearest_seeds(seeds: Int64, mask: Bool, reach: float) -> tuple[Int64, Float32, Int64]:
+    """Texels (N,) of a mask less than ``reach`` texels from a seed, their distance (N,), and their seeds' number (N,).
+
+    A few rows at a time, with as many around as count: whole planes would take three times 100 MB.
+    """
+    rows, columns = np.divmod(seeds, mask.shape[1])
+    around, found = int(np.ceil(reach)) + 1, []
+    for strip in strips(len(mask), max(256, around)):
+        top, bottom = max(strip.start - around, 0), min(strip.stop + around, len(mask))
+        here = np.flatnonzero((rows >= top) & (rows < bottom))
+        if not len(here):
+            continue
+        empty = np.ones((bottom - top, mask.shape[1]), np.uint8)
+        empty[rows[here] - top, columns[here]] = 0
+        inside = slice(strip.start - top, strip.stop - top)
+        planes = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+        apart, label = (np.asarray(plane) for plane in planes)
+        owner = np.zeros(int(label.max()) + 1, np.int64)
+        owner[label[rows[here] - top, columns[here]]] = here
+        apart, label = np.asarray(apart[inside].ravel(), np.float32), label[inside].ravel()
+        near = np.flatnonzero(mask[strip].ravel() & (apart < reach))
+        found.append((near + strip.start * mask.shape[1], apart[near], owner[label[near]]))
+    texels, away, owners = zip(*found, strict=True)
+    return np.concatenate(texels), np.concatenate(away), np.concatenate(owners)
 
 
 def _seam_edges(head: HeadModel, part: int, points: Float64) -> tuple[Float64, Float64]:

@@ -252,7 +252,7 @@ def aged(codes: npt.NDArray[np.int16], chart: Chart, depth: float) -> npt.NDArra
     weight = np.asarray(cv2.resize(_foldable(chart), x.shape[::-1]), np.float32)
     there = np.flatnonzero(weight)
     weight.ravel()[there] *= np.float32(1 - depth) * _lines(x, y, there)[0]
-    return unfolded(codes, weight[..., None] * np.stack([x, y], -1))
+    return unfolded(codes.copy(), weight[..., None] * np.stack([x, y], -1))
 
 
 def _slopes(codes: npt.NDArray[np.int16]) -> tuple[Float32, Float32]:
@@ -330,15 +330,16 @@ def _codes(slopes: Float32) -> npt.NDArray[np.int16]:
 
 
 def unfolded(codes: npt.NDArray[np.int16], fold: Float32) -> npt.NDArray[np.int16]:
-    """(H, W, 2) int16 normals less the slopes (h, w, 2) of :func:`folds_in`; texels without any stay as they are."""
-    out = codes.copy()
+    """(H, W, 2) int16 normals, changed in place, less the slopes (h, w, 2) of :func:`folds_in`; texels without any stay
+    as they are.
+    """
 
     def unfold(rows: slice, columns: slice) -> None:
         own = codes[rows, columns]
         x, y, z = np.moveaxis(unpack_normals(own), 2, 0)
         less = read_window(np.moveaxis(fold, 2, 0), codes.shape[1::-1], rows, columns)
         steep = -np.dstack([x, y]) / np.maximum(z, 0.05)[..., None] - less
-        out[rows, columns] = np.where(most(np.abs(less))[..., None] > 0, _codes(steep), own)
+        codes[rows, columns] = np.where(most(np.abs(less))[..., None] > 0, _codes(steep), own)
 
     each_around(most(np.abs(fold)) > 0, codes.shape, unfold)
-    return out
+    return codes

@@ -86,7 +86,7 @@ def test_a_fold_across_the_compression_moves_into_its_map() -> None:
     row, column, across = place()
     codes = groove(row, column, across)
     fold = folds_in(codes, creases())
-    neutral, wrinkles = unfolded(codes, fold), wrinkles_of(fold, creases(), codes.shape)
+    neutral, wrinkles = unfolded(codes.copy(), fold), wrinkles_of(fold, creases(), codes.shape)
     folded = cv2.resize(np.asarray(wrinkles[0].normal, np.float32), SIZE)
     before = energy(codes, row, column)
     assert energy(neutral, row, column) < 0.15 * before
@@ -108,7 +108,7 @@ def test_where_nothing_is_compressed_no_texel_changes() -> None:
     albedo = np.random.default_rng(4).integers(0, 65536, (*SIZE[::-1], 3), np.uint16)
     free = np.asarray(cv2.resize(cv2.dilate(creases().weights.max(0), np.ones((5, 5))), SIZE)) == 0
     assert free.mean() > 0.5
-    np.testing.assert_array_equal(unfolded(codes, folds_in(codes, creases()))[free], codes[free])
+    np.testing.assert_array_equal(unfolded(codes.copy(), folds_in(codes, creases()))[free], codes[free])
     np.testing.assert_array_equal(unfolded_albedo(albedo, creases())[free], albedo[free])
 
 
