@@ -3,7 +3,8 @@
 Takes the photos of ``benchmarks.shoot --views``, in which a head is seen from several sides in other lights (all of
 these heads have one skin, so they are no strangers to each other), and of a folder ``--real`` with photos of different
 real people, each also turned over, darker, smaller and blurred. Prints distances of the identity network, and for each
-threshold how often one stranger among five is found and how often photos of one person are refused.
+threshold how often one stranger among five is found and how often photos of one person are refused: a table, which
+``--write docs/several-photos.md`` puts into the docs.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.fit import people
+from models.tables import tell
 from service.arrays import UInt8
 from service.face.finder import FaceFinder
 from service.face.identity import Recogniser
@@ -27,6 +29,7 @@ from service.face.several import SQUARELY_DEG, STRANGE, apart_from_most, turn_de
 from service.photo.gate import read_photo
 
 Codes = dict[str, npt.NDArray[np.float64]]
+MARK = ("<!-- strangers -->", "<!-- /strangers -->")
 SETS = 2000
 """Random sets of each kind."""
 THRESHOLDS = (0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75)
@@ -98,21 +101,36 @@ def rates(own: Codes, strangers: Codes, threshold: float, rng: np.random.Generat
     return found / SETS, alarms / SETS
 
 
+def table(turned: Codes, strangers: Codes) -> list[str]:
+    """Markdown: distances, then a row for each threshold."""
+    same, apart = np.percentile(distances(turned), [5, 50, 95, 100]), np.percentile(between(strangers), [0, 1, 5, 50])
+    rows = [
+        f"{len(turned)} rendered heads, two photos of one: {_listed(same)} apart (percentiles 5, 50, 95, 100); "
+        f"{len(strangers)} real people, photos of two: {_listed(apart)} (percentiles 0, 1, 5, 50).",
+        "",
+        "| threshold | stranger found, rendered | false alarms | stranger found, real | false alarms |",
+        "|---" * 5 + "|",
+    ]
+    for threshold in (*THRESHOLDS, STRANGE):
+        rng = np.random.default_rng(0)
+        found = [f"{rate:.3f}" for own in (turned, strangers) for rate in rates(own, strangers, threshold, rng)]
+        rows.append(f"| {threshold:.2f}{', the limit' * (threshold == STRANGE)} | " + " | ".join(found) + " |")
+    return rows
+
+
+def _listed(values: npt.NDArray[np.float64]) -> str:
+    return ", ".join(f"{value:.2f}" for value in values)
+
+
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--photos", type=Path, default=Path("build/bench"))
     parser.add_argument("--real", type=Path, required=True, help="photos of different people")
+    parser.add_argument("--write", type=Path, help="Markdown file to put the table into")
     arguments = parser.parse_args()
-    turned, strangers = rendered(arguments.photos / "views"), real(arguments.real)
-    same, apart = np.percentile(distances(turned), [5, 50, 95, 100]), np.percentile(between(strangers), [0, 1, 5, 50])
-    print(f"{len(turned)} rendered heads from several sides, one person: {same.round(2)} (percentiles 5, 50, 95, 100)")
-    print(f"{len(strangers)} real people, two of them: {apart.round(2)} (percentiles 0, 1, 5, 50)")
-    for threshold in (*THRESHOLDS, STRANGE):
-        rng = np.random.default_rng(0)
-        rows = [rates(own, strangers, threshold, rng) for own in (turned, strangers)]
-        words = "; ".join(f"found {found:.3f}, false alarms {alarms:.3f}" for found, alarms in rows)
-        print(f"threshold {threshold:.2f}: among rendered and among real photos: {words}")
+    rows = table(rendered(arguments.photos / "views"), real(arguments.real))
+    tell("\n".join(rows), MARK, arguments.write)
 
 
 if __name__ == "__main__":
