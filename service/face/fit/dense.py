@@ -128,11 +128,11 @@ class NormalTerm(Residuals):
         """(N, 3)."""
         return self._normals(state) - self.target
 
-    def slopes(self, state: State) -> tuple[Float64, Float64]:
-        """(N, 3, 7) and (N, 3, 3)."""
-        by_pose = np.zeros((len(self.normal), 3, POSE))
-        by_pose[..., :3] = -skew(self._normals(state))
-        return by_pose, np.broadcast_to(state.rotation, (len(self.normal), 3, 3))
+    def slopes(self, state: State) -> tuple[Float64, Float64, Float64]:
+        """(N, 3), (N, 3, 7) and (N, 3, 3)."""
+        turned, by_pose = self._normals(state), np.zeros((len(self.normal), 3, POSE))
+        by_pose[..., :3] = -skew(turned)
+        return turned - self.target, by_pose, np.broadcast_to(state.rotation, by_pose[..., :3].shape)
 
 
 def normal_derivative(vertices: Float64, triangles: AnyInt, chosen: npt.NDArray[np.intp]) -> csr_array:

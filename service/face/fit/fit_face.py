@@ -110,6 +110,7 @@ def _refined(
     soft = [Softened.around(*photo, state, vertices_at(state)) for photo, state in zip(photos, states, strict=True)]
     contour, (lower, upper) = OutlineFinder(head), bounds(model)
     plain = np.arange(model.shape_count) < components
+    damping = Damping()
     # Further rounds, of several photos, with the spots that these have in common.
     rounds = REACH_M if len(sights) == 1 else (*REACH_M, *(REACH_M[-1:] * 5))
     for round_, reach in enumerate(rounds):
@@ -136,7 +137,7 @@ def _refined(
             outline = contour.term(soft[k], photos[k][1], state, shape, reach)
             terms.append([*own, *([] if outline is None else [outline]), *spots[k]])
         states = minimise(
-            states, terms, shared=identity_of(model), lower=lower, upper=upper, damping=Damping(), steps=STEPS,
+            states, terms, shared=identity_of(model), lower=lower, upper=upper, damping=damping, steps=STEPS,
             active=np.ones(POSE + model.shape_count, bool),
         )  # fmt: skip
     return [

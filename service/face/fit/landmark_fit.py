@@ -42,9 +42,10 @@ def linear_points(
         weights: (L, n) of each, barycentric in triangles.
         identities: how many components of identity count; None: all.
     """
-    parts = (head.mean, head.identity[:identities], head.expression)
-    mean, *modes = (at_barycentric(part, corners, weights) for part in parts)
-    return mean, np.ascontiguousarray(np.moveaxis(np.concatenate(modes), 0, 2), np.float32)
+    parts, say = (head.identity[:identities], head.expression), weights.astype(np.float32)[..., None]
+    each = zip(corners.T, say.swapaxes(0, 1), strict=True)
+    modes = sum(np.concatenate([part[:, corner] for part in parts]) * share for corner, share in each)
+    return at_barycentric(head.mean, corners, weights), np.ascontiguousarray(np.moveaxis(modes, 0, 2))
 
 
 @dataclass(frozen=True)

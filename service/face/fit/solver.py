@@ -169,8 +169,8 @@ class Residuals:
         """(N, k) at a state."""
         raise NotImplementedError
 
-    def slopes(self, state: State) -> tuple[Float64, Float64]:
-        """Its derivatives (N, k, 7) by the pose, and (N, k, 3) by that vector."""
+    def slopes(self, state: State) -> tuple[Float64, Float64, Float64]:
+        """It, and its derivatives (N, k, 7) by the pose and (N, k, 3) by that vector."""
         raise NotImplementedError
 
     def cost(self, state: State) -> float:
@@ -180,13 +180,13 @@ class Residuals:
     def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
         """Add J^T J and J^T r in place; computed in float32, which errs far less than a linear step does."""
         root = np.sqrt(self.precision)[:, None]
-        by_pose, by_vector = (part * root[:, :, None] for part in self.slopes(state))
+        residual, by_pose, by_vector = self.slopes(state)
         j = np.zeros((*by_pose.shape[:2], len(gradient)), np.float32)
-        j[..., :POSE] = by_pose
-        np.matmul(by_vector.astype(np.float32), self.modes, out=j[..., POSE:])
+        j[..., :POSE] = by_pose * root[:, :, None]
+        np.matmul((by_vector * root[:, :, None]).astype(np.float32), self.modes, out=j[..., POSE:])
         j = j.reshape(-1, len(gradient))
         hessian += j.T @ j
-        gradient += j.T @ (self.residual(state) * root).astype(np.float32).ravel()
+        gradient += j.T @ (residual * root).astype(np.float32).ravel()
 
 
 @dataclass(frozen=True)
@@ -206,17 +206,18 @@ class PointTerm(Residuals):
     precision: Float64
     normal: Float64 | None = None
 
-    def _projected(self, state: State) -> Projection:
-        return project_points(state, linear(self.mean, self.modes, state.coefficients))
+    def _projected(self, state: State) -> tuple[Projection, Float64]:
+        seen = project_points(state, linear(self.mean, self.modes, state.coefficients))
+        r = seen.uv - self.target
+        return seen, r if self.normal is None else np.asarray((r * self.normal).sum(1, keepdims=True))
 
     def residual(self, state: State) -> Float64:
         """(N, 2), or (N, 1) along the normals."""
-        r = self._projected(state).uv - self.target
-        return r if self.normal is None else np.asarray((r * self.normal).sum(1, keepdims=True))
+        return self._projected(state)[1]
 
-    def slopes(self, state: State) -> tuple[Float64, Float64]:
-        """(N, 2 or 1, 7) and (N, 2 or 1, 3)."""
-        seen = self._projected(state)
+    def slopes(self, state: State) -> tuple[Float64, Float64, Float64]:
+        """(N, 2 or 1), (N, 2 or 1, 7) and (N, 2 or 1, 3)."""
+        seen, residual = self._projected(state)
         # By the position in camera space.
         by_place: Float64 = np.zeros((len(seen.uv), 2, 3))
         by_place[:, 0, 0] = by_place[:, 1, 1] = np.exp(state.log_scale + state.log_distance)
@@ -231,7 +232,7 @@ class PointTerm(Residuals):
         zoom = seen.uv[:, :, None] if self.normal is None else self.normal[:, None] @ seen.uv[:, :, None]
         by_pose[..., 5:6] = zoom
         by_pose[..., 6:7] = zoom + by_place[..., 2:] * np.exp(state.log_distance)
-        return by_pose, by_place @ state.rotation
+        return residual, by_pose, by_place @ state.rotation
 
 
 def linear(mean: Float64, modes: Float32, coefficients: Float64) -> Float64:
