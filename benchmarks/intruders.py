@@ -10,14 +10,20 @@ each is made by ``service.pipeline.make_avatar``. Over the skin that the intrude
   the face; in brackets the same places of the portrait without the intruder.
 - **residue**: 95th percentile of how far the albedo there is off the one without the intruder, in Delta E (CIE 1976).
 
+- **shape**: mean distance of the face's vertices from the true ones, mm after the best similarity, without and with.
+
+``--beside N`` gives the avatar N more pictures of the same person with nothing before the skin, in other lights, by
+other cameras, with other expressions: what one of three photos shows is outvoted, what one of two shows is not.
+
 Portraits are kept in the folder: another run needs no OpenGL.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -25,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.albedo import albedo_of
-from benchmarks.metrics import at_chart
+from benchmarks.metrics import at_chart, similarity
 from models.tables import tell
 from service.arrays import Bool, Float32
 from service.colour import LUMA, linear_to_srgb, srgb_to_linear
@@ -59,6 +65,7 @@ class Sight:
         chart: (H, W, 2) float32 chart coordinates; NaN where the head's surface does not show.
         part: (H, W) uint8 of ``service.face.reading.part_labels``.
         albedo: (h, w, 3) linear RGB of the skin on the chart.
+        neutral: (V, 3) metres, the head at rest.
     """
 
     jpeg: bytes
@@ -66,53 +73,79 @@ class Sight:
     chart: Float32
     part: npt.NDArray[np.uint8]
     albedo: Float32
+    neutral: Float32
 
     @classmethod
     def load(cls, path: Path) -> Sight:
         """Of a file of :func:`shoot`."""
         with np.load(path, allow_pickle=False) as kept:
-            return cls(kept["jpeg"].tobytes(), kept["image"], kept["chart"], kept["part"], kept["albedo"])
+            fields = (kept[name] for name in ("image", "chart", "part", "albedo", "neutral"))
+            return cls(kept["jpeg"].tobytes(), *fields)
 
 
-def shoot(folder: Path, count: int) -> list[int]:
-    """Draw portraits until there are those of ``count`` seeds, and return these."""
-    from models.people.dress import INTRUDERS
+def shoot(folder: Path, count: int, wanted: Sequence[str], beside: int) -> dict[int, list[bytes]]:
+    """Draw portraits until there are those of ``count`` seeds; of each the files of ``beside`` more pictures."""
+    folder.mkdir(parents=True, exist_ok=True)
+    found: dict[int, list[bytes]] = {}
+    for seed in range(0, HELD_OUT, 37):
+        if len(found) == count:
+            break
+        if not _drawn(folder, seed, seed, NOTHING):
+            continue
+        for only in wanted:
+            _drawn(folder, seed, seed, only)
+        taken = (other for other in range(HELD_OUT + seed, 2 * HELD_OUT) if _drawn(folder, seed, other, NOTHING))
+        found[seed] = [Sight.load(_file(folder, seed, other, NOTHING)).jpeg for other in islice(taken, beside)]
+    return found
+
+
+def _file(folder: Path, seed: int, taken: int, only: str) -> Path:
+    return folder / (f"{seed:04}-{only}.npz" if seed == taken else f"{seed:04}-{only}-{taken}.npz")
+
+
+def _drawn(folder: Path, seed: int, taken: int, only: str) -> bool:
+    """Draw a picture unless it is there; False where it is turned too far or grey."""
     from models.people.make import portrait
     from models.people.person import draw_person
     from models.people.skins import default_folder, load_skin
 
-    folder.mkdir(parents=True, exist_ok=True)
-    found: list[int] = []
-    for seed in range(0, HELD_OUT, 37):
-        if len(found) == count:
-            break
-        file = folder / f"{seed:04}-{NOTHING}.npz"
-        if not file.is_file():
-            bare = portrait(seed, SIZE, only=NOTHING)
-            grey = float(np.abs(bare.image.astype(int) - bare.image.mean(-1, keepdims=True)).mean()) < 3
-            if abs(bare.camera.yaw_pitch_roll_deg()[0]) > MOST_YAW or grey:
-                continue
-            person = draw_person(seed)
-            skin = load_skin(person.skin, default_folder()).albedo
-            albedo = srgb_to_linear(skin.astype(np.float32) / 255) * person.tint
-            for only in (NOTHING, *INTRUDERS):
-                shown = bare if only == NOTHING else portrait(seed, SIZE, only=only)
-                np.savez_compressed(
-                    folder / f"{seed:04}-{only}.npz", jpeg=np.frombuffer(shown.jpeg, np.uint8), image=shown.image,
-                    chart=shown.chart, part=shown.part, albedo=albedo.astype(np.float16),
-                )  # fmt: skip
-        found.append(seed)
-    return found
+    file = _file(folder, seed, taken, only)
+    if file.is_file():
+        return True
+    shown = portrait(seed, SIZE, only=only, taken=taken)
+    grey = float(np.abs(shown.image.astype(int) - shown.image.mean(-1, keepdims=True)).mean()) < 3
+    if abs(shown.camera.yaw_pitch_roll_deg()[0]) > MOST_YAW or grey:
+        return False
+    person = draw_person(seed)
+    skin = load_skin(person.skin, default_folder()).albedo
+    albedo = srgb_to_linear(skin.astype(np.float32) / 255) * person.tint
+    np.savez_compressed(
+        file, jpeg=np.frombuffer(shown.jpeg, np.uint8), image=shown.image, chart=shown.chart, part=shown.part,
+        albedo=albedo.astype(np.float16), neutral=person.neutral,
+    )  # fmt: skip
+    return True
 
 
-def linear_albedo(jpeg: bytes) -> Float32 | None:
-    """(h, w, 3) linear RGB of the avatar of a picture; None where no face is found."""
-    options = Options(maps=("diffuse_albedo",), quality="draft", size=CHART, face="largest")
+@dataclass(frozen=True)
+class Made:
+    """An avatar: (h, w, 3) linear RGB of its albedo, and how far its head at rest is off the true one, mm."""
+
+    albedo: Float32
+    shape_mm: float
+
+
+def avatar_of(jpegs: Sequence[bytes], truth: Float32) -> Made | None:
+    """The avatar of pictures of somebody whose head at rest is (V, 3); None where no face is found."""
+    options = Options(maps=("diffuse_albedo",), quality="draft", size=CHART, face="largest", leave_out="strangers")
     try:
-        made = make_avatar(jpeg, options).reflectance
+        avatar = make_avatar(list(jpegs), options)
     except AvatarError:
         return None
-    return srgb_to_linear(albedo_of(made))
+    face = avatar.head.region("face") > 0.5
+    ours, true = avatar.fit.neutral[face].astype(np.float64), truth[face].astype(np.float64)
+    scale, rotation, offset = similarity(ours, true)
+    off = np.linalg.norm(scale * ours @ rotation + offset - true, axis=1)
+    return Made(srgb_to_linear(albedo_of(avatar.reflectance)), 1e3 * float(off.mean()))
 
 
 def luminance(linear: Float32) -> Float:
@@ -180,6 +213,8 @@ class Pair:
     edge: float
     bare_edge: float
     residue: float
+    bare_mm: float
+    worn_mm: float
 
     @property
     def cost(self) -> float:
@@ -187,40 +222,44 @@ class Pair:
         return self.without_db - self.with_db
 
 
-def compared(intruder: str, seed: int, bare: Sight, changed: Bool, rest: Bool, clean: Float32, worn: Float32) -> Pair:
-    """Of albedos (h, w, 3) without the intruder and with it, over skin (H, W) that it changed and the rest."""
+def compared(intruder: str, seed: int, bare: Sight, changed: Bool, rest: Bool, clean: Made, worn: Made) -> Pair:
+    """Of avatars without the intruder and with it, over skin (H, W) that it changed and the rest."""
     from skimage.color import rgb2lab
 
     skin = changed | rest
     chart, one, far = bare.chart[skin], changed[skin], rest[skin]
-    truth, a, b = (at_chart(plane, chart.astype(np.float64)).astype(np.float32) for plane in (bare.albedo, clean, worn))
+    planes = (bare.albedo, clean.albedo, worn.albedo)
+    truth, a, b = (at_chart(plane, chart.astype(np.float64)).astype(np.float32) for plane in planes)
     gain = float(np.median(luminance(a[far]) / luminance(b[far])))
     labs = [rgb2lab(linear_to_srgb(np.clip(c[one], 0, 1))[None])[0] for c in (a, gain * b)]
     residue = float(np.quantile(np.linalg.norm(labs[0] - labs[1], axis=1), 0.95))
     return Pair(
         intruder, seed, psnr(a, truth, one, far), psnr(b, truth, one, far),
-        edges(worn, chart, one, far), edges(clean, chart, one, far), residue,
+        edges(worn.albedo, chart, one, far), edges(clean.albedo, chart, one, far), residue,
+        clean.shape_mm, worn.shape_mm,
     )  # fmt: skip
 
 
-def pairs(folder: Path, seeds: list[int], wanted: list[str], sheet: Path | None) -> Iterator[Pair]:
-    """Measure, one after the other."""
-    for seed in seeds:
-        bare = Sight.load(folder / f"{seed:04}-{NOTHING}.npz")
-        clean = linear_albedo(bare.jpeg)
+def pairs(
+    folder: Path, people: Mapping[int, Sequence[bytes]], wanted: Sequence[str], sheet: Path | None
+) -> Iterator[Pair]:
+    """Measure, one after the other; ``people``: seeds with the files of further pictures of them."""
+    for seed, beside in people.items():
+        bare = Sight.load(_file(folder, seed, seed, NOTHING))
+        clean = avatar_of([bare.jpeg, *beside], bare.neutral)
         if clean is None:
             continue
         for intruder in wanted:
-            other = Sight.load(folder / f"{seed:04}-{intruder}.npz")
+            other = Sight.load(_file(folder, seed, seed, intruder))
             changed, rest = touched(bare, other)
             if changed.sum() < FEWEST or rest.sum() < FEWEST:
                 continue
-            worn = linear_albedo(other.jpeg)
+            worn = avatar_of([other.jpeg, *beside], bare.neutral)
             if worn is None:
                 continue
             yield compared(intruder, seed, bare, changed, rest, clean, worn)
             if sheet is not None:
-                _draw(sheet / f"{seed:04}-{intruder}.jpg", other.image, clean, worn)
+                _draw(sheet / f"{seed:04}-{intruder}.jpg", other.image, clean.albedo, worn.albedo)
 
 
 def _draw(path: Path, image: npt.NDArray[np.uint8], clean: Float32, worn: Float32) -> None:
@@ -232,17 +271,17 @@ def _draw(path: Path, image: npt.NDArray[np.uint8], clean: Float32, worn: Float3
 
 def table(found: list[Pair]) -> list[str]:
     """Markdown, a row for each intruder."""
-    rows = ["| | pairs | dB without | with | cost, dB | at most 1 dB | edges | residue |", "|---" * 8 + "|"]
+    rows = ["| | pairs | dB without | with | cost, dB | at most 1 dB | edges | residue | shape, mm |", "|---" * 9 + "|"]
     for name in (*dict.fromkeys(pair.intruder for pair in found), "all"):
         own = [pair for pair in found if name in (pair.intruder, "all")]
-        without, worn, cost, edge, bare, residue = (
+        without, worn, cost, edge, bare, residue, bare_mm, worn_mm = (
             float(np.nanmean([getattr(pair, field) for pair in own]))
-            for field in ("without_db", "with_db", "cost", "edge", "bare_edge", "residue")
+            for field in ("without_db", "with_db", "cost", "edge", "bare_edge", "residue", "bare_mm", "worn_mm")
         )
         few = sum(pair.cost <= COST_DB for pair in own)
         rows.append(
             f"| {name} | {len(own)} | {without:.1f} | {worn:.1f} | **{cost:.2f}** | {few} of {len(own)} "
-            f"| **{edge:.2f}** ({bare:.2f}) | {residue:.1f} |"
+            f"| **{edge:.2f}** ({bare:.2f}) | {residue:.1f} | {bare_mm:.2f}, {worn_mm:.2f} |"
         )
     return rows
 
@@ -255,12 +294,15 @@ def main() -> None:
     parser.add_argument("--photos", type=Path, required=True, help="folder of the portraits")
     parser.add_argument("--count", type=int, default=8)
     parser.add_argument("--only", default=",".join(INTRUDERS), help="intruders with commas between")
+    parser.add_argument("--beside", type=int, default=0, help="further pictures of each person")
     parser.add_argument("--each", action="store_true", help="a line for each pair")
     parser.add_argument("--sheet", type=Path, help="folder for pictures: portrait, albedo without it, albedo with it")
     parser.add_argument("--write", type=Path, help="Markdown file to put the table into")
     chosen = parser.parse_args()
     found = []
-    for pair in pairs(chosen.photos, shoot(chosen.photos, chosen.count), chosen.only.split(","), chosen.sheet):
+    wanted = chosen.only.split(",")
+    people = shoot(chosen.photos, chosen.count, wanted, chosen.beside)
+    for pair in pairs(chosen.photos, people, wanted, chosen.sheet):
         found.append(pair)
         if chosen.each:
             print(f"{pair.seed:04} {pair.intruder}: {pair.without_db:.1f} {pair.with_db:.1f} "

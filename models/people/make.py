@@ -80,7 +80,7 @@ class Portrait:
 
 def portrait(
     seed: int, size: int = 256, folder: Path | None = None, framing: str = "face", meshes: tuple[str, ...] = (),
-    only: str | None = None,
+    only: str | None = None, taken: int | None = None,
 ) -> Portrait:  # fmt: skip
     """The portrait named ``seed``, the same every time on the same machine.
 
@@ -91,18 +91,20 @@ def portrait(
         framing: key of ``models.people.pose.FRAMINGS``.
         meshes: hair of the wardrobe, by name, of which one is worn in place of a groom: another maker's, for tests.
         only: of what hides skin only this one (``models.people.dress.INTRUDERS``), or "nothing"; None: as it comes.
+        taken: whose expression, camera, light and background it has; None: their own.
 
     Raises:
         ModelFault: there is no OpenGL through EGL, or the wardrobe is missing.
     """
     r = renderer()
     folder = folder or default_folder()
-    person, light = draw_person(seed, folder), draw_light(seed)
+    taken = seed if taken is None else taken
+    person, light = draw_person(seed, folder, taken), draw_light(taken)
     skin = load_skin(person.skin, folder)
     wardrobe = load_wardrobe()
     head = the_head()
     vertices = recessed(person)
-    camera = draw_camera(seed, size, landmarks(head, vertices), FRAMINGS[framing])
+    camera = draw_camera(taken, size, landmarks(head, vertices), FRAMINGS[framing])
     worn = wear_groom(seed, person, skin) if not meshes and only in (None, "hair") else None
     hair = hair_colour(person, skin) if worn is None else worn.mean
     outfit = dress(seed, person, skin, hair, wardrobe, light.level(), meshes, only, framing == "face")
@@ -146,14 +148,14 @@ def portrait(
         r.clear()
         if strands is not None:
             strands.release()
-    behind = backdrop(seed, camera, light.sky)
+    behind = backdrop(taken, camera, light.sky)
     colour = radiance[..., :3] + (1.0 - np.clip(radiance[..., 3:], 0.0, 1.0)) * behind
     truth = _with_strands(_truth(where, facing, part, camera), run, turned, camera)
     bare = truth["part"].copy()
     colour = outfit.screen(colour, truth)
     hidden = (truth["part"] == labels.OTHER) & (bare != labels.OTHER)
     shown = np.where(hidden, np.float32(0), np.maximum(run[..., 3], truth["part"] == labels.HAIR))
-    image, jpeg = develop(seed, colour, np.isin(truth["part"], labels.CHARTED))
+    image, jpeg = develop(taken, colour, np.isin(truth["part"], labels.CHARTED))
     points, seen = _points(camera, vertices, truth)
     known = not any(mesh.kind == "hair" for mesh in scene)
     style = Style("none", 0, 0, 0, 0) if worn is None else worn.style

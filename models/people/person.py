@@ -128,8 +128,14 @@ def _hair(s: Stream) -> Float | None:
     return np.asarray(choices[int(s.one() * len(choices))], np.float32) * s.one(0.7, 1.3)
 
 
-def draw_person(seed: int, folder: Path | None = None) -> Person:
-    """The person named ``seed``; ``folder``: where skins are kept (``models.people.skins``)."""
+def draw_person(seed: int, folder: Path | None = None, face: int | None = None) -> Person:
+    """The person named ``seed``.
+
+    Args:
+        seed: >= 0.
+        folder: where skins are kept (``models.people.skins``).
+        face: whose expression they have; None: their own.
+    """
     head, s = the_head(), Stream(seed, "somebody")
     tint = np.exp(s.normal(0.0, 0.12)[0] + s.normal(0.0, 0.03, 3))
     skin = int(s.one() * COUNT)
@@ -137,7 +143,7 @@ def draw_person(seed: int, folder: Path | None = None) -> Person:
     identity = _identity(Stream(seed, "shape"), len(head.identity))
     identity = np.clip(with_sex(identity, male, float(Stream(seed, "sex").normal()[0])), -WIDEST, WIDEST)
     residual = _residual(Stream(seed, "residual"))
-    expression, eyes = draw_expression(seed, head.expression_names)
+    expression, eyes = draw_expression(seed if face is None else face, head.expression_names)
     weights = np.asarray(expression, np.float32)
     neutral = head.shape(identity) + residual
     weights = lids_as_meant(neutral + np.tensordot(weights, head.expression, 1), weights)
