@@ -8,6 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from service import pipeline
+from service.ahead import FaceNetworks
+from service.diagnosis import SAMPLE
+from service.options import Options
+
 ROOT = Path(__file__).parents[2]
 
 FROM_A_LARGE_PROGRAM = """
@@ -25,3 +30,16 @@ def test_the_memory_of_the_caller_is_not_counted() -> None:
         [sys.executable, "-c", FROM_A_LARGE_PROGRAM, OWN_PEAK], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert 5 < float(child.stdout) < 500, "an interpreter has some 10 to 30 MB"
+
+
+def test_a_fit_to_landmarks_reads_no_face_also_where_its_networks_are_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Reached(Exception):
+        pass
+
+    def fitted(*_: object) -> None:
+        raise Reached
+
+    monkeypatch.setattr(pipeline, "read_all", None)
+    monkeypatch.setattr(pipeline, "fitted", fitted)
+    with pytest.raises(Reached):
+        pipeline.make_avatar(SAMPLE.read_bytes(), Options(fit="landmarks"), loaded=FaceNetworks(Options()))
