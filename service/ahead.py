@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from service.head.model import HeadModel
     from service.runtime.networks import Ahead
 
+FINDER, RECOGNISER = "face.finder.FaceFinder", "face.identity.Recogniser"
+READER, HAIR = "face.reading.reader.Readers", "hair.reading.HairNetwork"
+"""What is loaded, by module and name."""
+
 READERS = networks_of("read")
 """Networks that read a face; without them the fit follows landmarks and outline."""
 
@@ -49,39 +53,39 @@ class FaceNetworks(Loaded):
         """
         few_heaps()
         self.reads = options.fit != "landmarks" and installed(READERS)
-        kinds = ["face.finder.FaceFinder", "face.identity.Recogniser"]
-        kinds += ["face.reading.reader.Readers", "hair.reading.HairNetwork"] if self.reads else []
+        kinds = [FINDER, RECOGNISER, *([READER, HAIR] if self.reads else [])]
         pool = ThreadPoolExecutor(2)
         if head is None:  # another file's faults are told where it is used
             pool.submit(head_and_chart, options.base_size, None, modes_of(options))
-        self._loads: list[Future[Any]] = [pool.submit(_load, kind) for kind in kinds]
+        self._loads: dict[str, Future[Any]] = {kind: pool.submit(_load, kind) for kind in kinds}
         pool.submit(import_module, "scipy.optimize")
         self._maps = pool.submit(maps) if maps else None
         pool.shutdown(wait=False)
 
     def finder(self) -> FaceFinder:
         """Finds faces."""
-        return cast("FaceFinder", self._loads[0].result())
+        return cast("FaceFinder", self._loads[FINDER].result())
 
     def recogniser(self) -> Recogniser:
         """Compares faces."""
-        return cast("Recogniser", self._loads[1].result())
+        return cast("Recogniser", self._loads[RECOGNISER].result())
 
     def readers(self) -> Readers:
         """Read a face, where that was asked for."""
-        return cast("Readers", self._loads[2].result())
+        return cast("Readers", self._loads[READER].result())
 
     def hair(self) -> HairNetwork | None:
         """Reads hair, where faces are read; None where they are not."""
-        return cast("HairNetwork", self._loads[3].result()) if self.reads else None
+        return cast("HairNetwork", self._loads[HAIR].result()) if self.reads else None
 
     def maps(self) -> Ahead | None:
         """Has begun to load the networks of a draft's maps; None where nothing was loaded ahead."""
         return None if self._maps is None else self._maps.result()
 
-    def drop(self) -> None:
-        """Let go of those of faces."""
-        self._loads.clear()
+    def drop(self, *, recogniser: bool = True) -> None:
+        """Let go of those of faces; without ``recogniser`` of all but that, as faces are compared last."""
+        for kind in {*self._loads} - (set() if recogniser else {RECOGNISER}):
+            del self._loads[kind]
 
 
 def _load(kind: str) -> Any:

@@ -154,6 +154,7 @@ def make_avatar(
             flesh = pool.submit(flesh_mm, head, fit.vertices) if "thickness" in options.maps and small else None
             wish = options.asked_hair()
             seen = see_hair(photo, head, fit, reading, wish, networks.hair() if reads else None)
+            networks.drop(recogniser=False)
         wanted = seen, photo, fit, wish, options.level.strands, options.seed
         hair = stage.beside("hair", pool, lambda: kept("hair", grow_hair, *wanted))
         cards = pool.submit(lambda: hair_cards(hair.result(), seen.skin, options.quality, options.seed))

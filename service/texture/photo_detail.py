@@ -262,16 +262,18 @@ class _DetailedMap:
             planes = [stretched(np.ascontiguousarray(self._own.gain[..., k]), self._size, one.window) for k in range(3)]
             photo = linear_to_srgb(np.clip(srgb_to_linear(photo) * np.exp(np.stack(planes, -1)), 0, 1))
         ours, _ = split_octaves(np.where(seen[..., None] > 0, photo, map_), self._octaves)
+        del photo  # these planes are the peak of a run's memory
         theirs, _ = split_octaves(map_, self._octaves)
         pixels = stretched(self._own.places.coarsest, self._size, one.window)
         pixels = pixels * np.float32(self._own.places.coarsest.shape[1] / self._size[0])
         side = stretched(self._own.places.texel_mm, self._size, one.window)
-        change, told = [], []
-        for index, (p, z) in enumerate(zip(ours, theirs, strict=True)):
+        told = []
+        for index in range(self._octaves):
+            p, z = ours[index], theirs.pop(0)
             share, gain, rest = self._shares(index, p, z, seen, pixels)
-            change.append(gain[..., None] * p + (rest - 1)[..., None] * z)
+            ours[index] = gain[..., None] * p + (rest - 1)[..., None] * z  # what changes, in its place
             told.append(_areas(index, share, seen * side * side, one.inside))
-        new = map_[one.inside] + joined_octaves(change)[one.inside]
+        new = map_[one.inside] + joined_octaves(ours)[one.inside]
         return np.asarray(np.rint(np.clip(new, 0, 1) * np.float32(FULL_CODE)), np.uint16), told
 
     def _shares(self, index: int, band: Float32, made_up: Float32, seen: Float32,

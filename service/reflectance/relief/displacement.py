@@ -207,7 +207,13 @@ def _local_planes(total: Float32, weight: Float32, sigma: float) -> Float32:
 
 def encode_heights(height: Float32) -> UInt16:
     """(H, W) uint16 codes of heights in mm; see ``MID`` and ``SCALE_MM``."""
-    return np.asarray(np.clip(np.rint(height * np.float32(1 / SCALE_MM)) + MID, 0, 65535), np.uint16)
+    codes = np.zeros(height.shape, np.uint16)
+
+    def encode(strip: slice) -> None:
+        codes[strip] = np.clip(np.rint(height[strip] * np.float32(1 / SCALE_MM)) + MID, 0, 65535)
+
+    by_strips(len(height), encode)
+    return codes
 
 
 def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Bool) -> tuple[Float32, Float32, Bool]:
