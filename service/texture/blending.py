@@ -130,8 +130,9 @@ def _merit(layer: Layer, fit: Fit) -> Float32:
     # Distance of the eyes in pixels that a texture of 576 x 384 can hold; larger faces are no better on it.
     scale = min(fit.inter_ocular_px / 110.0, 1.0) ** 2
     doubt = 0.5 if "low-confidence" in fit.warnings else 1.0
-    colour = layer.unwrapped.colour
-    exposed = smoothstep(colour.max(1), *DIM) * (1 - 0.7 * smoothstep(colour.max(1), *CLIPPED))
+    red, green, blue = layer.unwrapped.colour.T
+    brightest = np.maximum(np.maximum(red, green), blue)
+    exposed = smoothstep(brightest, *DIM) * (1 - 0.7 * smoothstep(brightest, *CLIPPED))
     return np.asarray(layer.found.seen * layer.unwrapped.weight * exposed * (scale * doubt), np.float32)
 
 

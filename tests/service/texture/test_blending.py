@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from service.face.finder import Face
 from service.face.fit.fit import Fit
+from service.face.reading.part_labels import PARTS
+from service.face.reading.part_labels import SKIN as SKIN_PART
 from service.face.reading.reader import View
 from service.geometry.chart import Chart
 from service.map_registry import SEEN
 from service.texture.texture import Texture, make_texture
-from tests.service.texture.scenes import SKIN, bare, checks, fitted, photograph, plain, turned
+from tests.service.texture.scenes import SKIN, bare, checks, fitted, photograph, plain, read_off, turned
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(40, 60)
@@ -44,14 +48,23 @@ def test_another_exposure_and_white_balance_are_brought_to_the_first_photo() -> 
     assert np.abs(whole.texture[where] / 255 - np.array(SKIN)).max(-1).mean() < 0.02
 
 
-def test_what_one_of_four_photos_has_is_outvoted() -> None:
-    def spotted(points: np.ndarray) -> np.ndarray:
-        spot = np.linalg.norm(points - HEAD.mean[np.argmax(HEAD.mean[:, 2])], axis=1) < 0.02
-        return np.where(spot[:, None], 0.1, np.asarray(SKIN))
+@pytest.mark.parametrize(
+    ("beside", "known", "gone"), [(3, False, True), (2, False, True), (1, False, False), (1, True, True)]
+)
+def test_what_one_photo_has_is_outvoted_by_two_others_or_known_by_its_reading(
+    beside: int, known: bool, gone: bool
+) -> None:
+    """Something dark before the face, which the reading calls glasses or does not know; two photos cannot vote."""
 
-    clean = [seen(yaw, plain(SKIN)) for yaw in (0, -15, 15)]
-    whole = textured(*clean, seen(4, spotted))
-    assert whole.texture[SKIN_MASK].min(-1).min() > 0.7 * 255 * min(SKIN)
+    def spot(points: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(points - HEAD.mean[np.argmax(HEAD.mean[:, 2])], axis=1) < 0.02
+
+    first, fit = seen(0, lambda points: np.where(spot(points)[:, None], 0.1, np.asarray(SKIN)))
+    if known:
+        read = read_off(HEAD, turned(0), lambda points: np.where(spot(points), PARTS.index("glasses"), SKIN_PART))
+        first = replace(first, reading=read)
+    whole = textured((first, fit), *[seen(yaw, plain(SKIN)) for yaw in (-15, 15, 4)[:beside]])
+    assert (whole.texture[SKIN_MASK].min(-1).min() > 0.7 * 255 * min(SKIN)) == gone
 
 
 def test_shares_of_the_photos_add_up_where_any_shows_the_head() -> None:
