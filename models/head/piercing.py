@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from models.head.crossing import crossing_pairs
 from service.anatomy.items import read_insets
+from service.anatomy.mouth import too_near
 from service.head.files import load_head
 from service.head.model import HeadModel
 
@@ -46,10 +47,14 @@ def groups(head: HeadModel) -> dict[str, Int]:
     return {"skin": skin, "lip_upper": skin[lips & upper], "lip_lower": skin[lips & lower], **own}
 
 
-def with_insets(head: HeadModel, vertices: Float) -> Float:
-    """(V + N, 3) vertices of the head, then those of teeth, gums and tongue."""
+def with_insets(vertices: Float, neutral: Float | None = None) -> Float:
+    """(V + N, 3) vertices of the head, then those of teeth, gums and tongue; neutral: the head (V, 3) at rest."""
     insets = read_insets()
-    return np.concatenate([vertices, *(m.rest + m.moved(vertices - insets.fitted_head) for m in insets.meshes)])
+    rest = insets.fitted_head if neutral is None else neutral
+    rows = [mesh for mesh in insets.meshes if mesh.name.startswith("teeth")]
+    sunk = np.array([0, -too_near(rows, rest - insets.fitted_head), 0])
+    placed = (m.rest + m.moved(vertices - insets.fitted_head) + sunk * (m is rows[1]) for m in insets.meshes)
+    return np.concatenate([vertices, *placed])
 
 
 def pairs_of(names: list[str]) -> list[tuple[str, str]]:
@@ -78,9 +83,9 @@ def poses(head: HeadModel, seed: int) -> dict[str, Float]:
     return out
 
 
-def count(head: HeadModel, vertices: Float, surfaces: dict[str, Int]) -> dict[str, int]:
-    """Crossing triangles by "a x b" on a head (V, 3), those without any left out."""
-    found, points = {}, with_insets(head, vertices)
+def count(vertices: Float, surfaces: dict[str, Int], neutral: Float | None = None) -> dict[str, int]:
+    """Crossing triangles by "a x b" on a head (V, 3), those without any left out; neutral: the same head at rest."""
+    found, points = {}, with_insets(vertices, neutral)
     for a, b in pairs_of(list(surfaces)):
         crossing = crossing_pairs(points, surfaces[a], surfaces[b])
         if len(crossing):
@@ -102,7 +107,8 @@ def main() -> None:
     total = 0
     for name, activation in poses(head, options.seed).items():
         for number, identity in enumerate(identities):
-            found = count(head, head.shape(identity, activation).astype(np.float64), surfaces)
+            shaped, rest = (head.shape(identity, how).astype(np.float64) for how in (activation, 0 * activation))
+            found = count(shaped, surfaces, rest)
             total += sum(found.values())
             if found:
                 which = "mean head" if number == 0 else f"identity {number}"

@@ -7,6 +7,7 @@ darker the deeper they lie. The meshes that stand in their place have single tee
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from service.anatomy.canvas import Canvas, part_points, smooth_noise
 from service.anatomy.items import Inset, fits, following, read_insets
@@ -184,14 +185,30 @@ def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None, step: int = 1)
         roughness=0.18, ior=1.6, subsurface_mm=ENAMEL_MM,
     )  # fmt: skip
     flesh = Material("tongue", colour_map=mucosa, roughness=0.35, ior=1.4, subsurface_mm=MUCOSA_MM)
+    sunk = np.array([0, -too_near(rows, fit.neutral - insets.fitted_head), 0])
     return tuple(
         following(
             mesh.name, head, fit, insets.fitted_head, mesh.rest, mesh.moved, mesh.faces, mesh.uv,
-            flesh if mesh is tongue else enamel, uv_faces=mesh.uv_faces,
+            flesh if mesh is tongue else enamel, uv_faces=mesh.uv_faces, lift=sunk * (mesh is rows[1]),
             bone="head" if mesh.name == "teeth_upper_gums" else "jaw", replaces=(REPLACES[mesh.name],),
         )
         for mesh in (*rows, tongue)
     )  # fmt: skip
+
+
+def too_near(rows: list[Inset], offsets: AnyFloat) -> float:
+    """Metres by which the lower of both rows is nearer to the upper one than in the mean head: in all but a twentieth.
+
+    Features of a face move jaw and palate, each by itself, and rows that are carried along would cross.
+
+    Args:
+        rows: upper and lower row.
+        offsets: (V, 3) metres, the neutral head less the mean one.
+    """
+    upper, lower = rows
+    above = cKDTree(upper.rest[:, ::2]).query(lower.rest[:, ::2])[1]
+    risen = lower.moved(offsets)[:, 1] - upper.moved(offsets)[above, 1]
+    return max(float(np.quantile(risen, 0.95)), 0.0)
 
 
 def teeth_picture(rows: list[Inset], tooth: Float32, size: int = SIZE) -> UInt8:

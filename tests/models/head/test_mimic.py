@@ -86,6 +86,6 @@ def test_a_pucker_gathers_the_lips(head: HeadModel) -> None:
 def test_nothing_crosses(head: HeadModel, units: dict[str, float]) -> None:
     surfaces, random = groups(head), np.random.default_rng(1)
     for identity in (np.zeros(0), random.normal(size=len(head.identity)), random.normal(size=len(head.identity))):
-        assert count(head, posed(head, identity, **units), surfaces) == {}
+        assert count(posed(head, identity, **units), surfaces) == {}
     lips = (surfaces["lip_upper"], surfaces["lip_lower"])
     assert not len(crossing_pairs(posed(head, np.zeros(0), **units), *lips))

@@ -23,13 +23,13 @@ def test_the_tongue_crosses_nothing_on_its_way_out(head: HeadModel, out: float) 
     surfaces = groups(head)
     activation = np.zeros(len(head.expression_names))
     activation[head.expression_names.index("tongueOut")] = out
-    points = with_insets(head, head.shape(np.zeros(0), activation).astype(np.float64))
+    points = with_insets(head.shape(np.zeros(0), activation).astype(np.float64))
     for name in ("teeth_lower_gums", "teeth_upper_gums", "skin"):
         assert not len(crossing_pairs(points, surfaces[name], surfaces["tongue_body"])), name
 
 
 def test_a_resting_tongue_stays_behind_the_upper_teeth(head: HeadModel) -> None:
-    points, surfaces = with_insets(head, head.mean.astype(np.float64)), groups(head)
+    points, surfaces = with_insets(head.mean.astype(np.float64)), groups(head)
     tongue, upper = (points[np.unique(surfaces[name])] for name in ("tongue_body", "teeth_upper_gums"))
     assert tongue[:, 2].max() < upper[:, 2].max() - 0.003
     tip = tongue[tongue[:, 2] > tongue[:, 2].max() - 0.003]
