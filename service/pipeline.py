@@ -25,7 +25,8 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from service.ahead import FaceNetworks, head_and_chart, modes_of
+from service import ahead
+from service.ahead import FaceNetworks
 from service.anatomy.eyes import eye_parts
 from service.anatomy.items import read_insets, read_items
 from service.anatomy.mouth import mouth_parts
@@ -128,7 +129,7 @@ def make_avatar(
     stage = _Timed(progress, BEFORE_NETWORKS if plan.stages else 1.0)
     with ThreadPoolExecutor(4) as pool, ExitStack() as held:
         # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
-        placed = pool.submit(head_and_chart, options.base_size, head_file, modes_of(options, len(files)))
+        placed = pool.submit(ahead.head_and_chart, options.base_size, head_file, ahead.modes_of(options, len(files)))
 
         with stage("decode"):
             gathered = kept("decode", _decoded, files, networks)
@@ -204,11 +205,11 @@ def make_avatar(
                 warnings=(*warnings, *((LEFT_OUT,) if gathered.left_out else ())),
             )
 
-        ahead: list[tuple[Avatar, Future[Drawn], Future[Shapes]]] = []
+        begun: list[tuple[Avatar, Future[Drawn], Future[Shapes]]] = []
 
         def draw_early(made: Reflectance) -> None:
             avatar = so_far(made)
-            ahead.append(
+            begun.append(
                 (avatar, pool.submit(draw, replace(avatar, reflectance=made)), pool.submit(draw_shapes, avatar))
             )
 
@@ -241,7 +242,7 @@ def make_avatar(
         thick = None if flesh is None else flesh.result()
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size, thick)
 
-        avatar, drawn, shapes = ahead[0] if ahead else (so_far(reflectance), None, None)
+        avatar, drawn, shapes = begun[0] if begun else (so_far(reflectance), None, None)
         return replace(
             avatar,
             reflectance=reflectance,
@@ -303,7 +304,7 @@ def _detected(
     def find(photo: Photo) -> Face:
         faces = networks.finder().find(photo.pixels)
         if not faces and doubted is not None:
-            head, _ = head_and_chart(*doubted)
+            head, _ = ahead.head_and_chart(*doubted)
             found = networks.finder().doubted(photo.pixels)
             faces = faces_by_reading(photo.pixels, found, head, networks.readers().pixels)
         return choose_face(faces, chosen, photo.size)
@@ -329,7 +330,7 @@ def _sources(gathered: Gathered, texture: Texture, *, detail: bool) -> tuple[Sou
 def made_ahead() -> Ahead:
     """What drafts on the head in the box have in common, kept where it is made, and the networks of their maps."""
     draft = Options(quality="draft")
-    _read_tables(head_and_chart(draft.base_size, None, modes_of(draft))[0])
+    _read_tables(ahead.head_and_chart(draft.base_size, None, ahead.modes_of(draft))[0])
     for module in ("overlay", "sheet"):
         import_module(f"service.archive.preview.{module}")
     return Ahead(draft.plan().networks, choose_engine(draft.runtime, precision=draft.level.precision))
