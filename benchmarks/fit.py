@@ -5,7 +5,7 @@ for every setting two errors in mm at 63 mm between the pupils: the distance to 
 ICP, and that at the same pixel without one; and their ratios to the average head's with pose only on the same photos.
 For the default also by yaw, by light and for the heads that no default was chosen on. ``--write`` puts the tables into
 ``fit-accuracy.md`` with a plot beside it. ``--reader`` compares other networks on the same photos: folders with a
-``reader.onnx`` each (``python -m export.networks.reader RUN -o DIR``).
+``reader.onnx`` each (``python -m export.networks.reader RUN --data HELD -o DIR``).
 
 ``--views 1,2,3,5,8`` fits heads to the first so many of the photos that ``benchmarks.shoot --views`` took of them, from
 all sides, and prints the same errors of each head where its first photo, a frontal one, shows it, and over all photos.

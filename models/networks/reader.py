@@ -80,6 +80,9 @@ class Reader(nn.Module):
         self.last = nn.Sequential(NormBlock(widths[1]), nn.GroupNorm(widths[1] // 8, widths[1]), activation())
         self.fields = nn.Conv2d(widths[1], 7, 1)
         self.parts = nn.Sequential(nn.Conv2d(widths[1], 4 * PARTS, 1), nn.PixelShuffle(2))
+        # Factors of the standard deviations, set when a run is exported.
+        self.spread_scale: Tensor
+        self.register_buffer("spread_scale", torch.ones(2), persistent=False)
 
     def features(self, crop: Tensor) -> tuple[Tensor, Tensor]:
         """(N, 3, S, S) sRGB in [0, 1] -> what is known of the whole, S / 32 cells a side, and of places, S / 4."""
@@ -103,7 +106,8 @@ class Reader(nn.Module):
         normal = f[:, 3:6] / (f[:, 3:6].square().sum(1, keepdim=True) + 1e-8).sqrt()
         spread_mm = LEAST_MM + functional.softplus(f[:, 2:3] + 3.0)
         spread = LEAST_SINE + functional.softplus(f[:, 6:7] - 1.5)
-        return f[:, :2] + 0.5, spread_mm, normal, spread, self.parts(x).float()
+        scale = self.spread_scale
+        return f[:, :2] + 0.5, scale[0] * spread_mm, normal, scale[1] * spread, self.parts(x).float()
 
     def read(self, crop: Tensor) -> Read:
         """``forward`` by name."""

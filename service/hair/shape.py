@@ -327,8 +327,9 @@ def seen_share(strands: Float32, sight: Sight) -> Float32:
     return np.asarray(shown.mean(1), np.float32)
 
 
-BALD_TOP = 0.6
-"""Share of the top that the photo shows bare from which on the crown behind it is bald, too."""
+BALD_TOP, LEAST_TOLD = 0.6, 0.2
+"""Share of what the photo tells of the top that is bare, from which on the crown behind it is bald, too, and the share
+of a place of which it has to tell."""
 
 
 def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
@@ -340,13 +341,16 @@ def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
     roots = skin.even
     cell, seen = sight.visible(*sight.project(roots.position))
     shown = seen & (sight.faces(roots) > 0)
-    without = (sight.known * (1 - sight.hair))[cell]
-    temples, top = (
-        float((weight * without).sum() / max(float(weight.sum()), 1e-6))
-        for weight in (recedes(roots) * shown, bridge(roots) * shown)
-    )
+    known, without = sight.known[cell], (sight.known * (1 - sight.hair))[cell]
+
+    def bare(weight: Float32) -> float:
+        """Share without hair of what the photo shows of a place; 0 where it shows too little of it."""
+        whole, told = float(weight.sum()), float((weight * known).sum())
+        return float((weight * without).sum()) / told if told > LEAST_TOLD * max(whole, 1e-6) else 0.0
+
+    temples, top = bare(recedes(roots) * shown), bare(bridge(roots) * shown)
     crown = style.crown if top > BALD_TOP or sight.visible(*sight.project(CROWN))[1] else 0.0
-    return dataclasses.replace(style, density=1.0, crown=crown, receding=style.receding * temples)
+    return dataclasses.replace(style, density=1.0, crown=crown, receding=style.receding * min(temples / BALD_TOP, 1.0))
 
 
 def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> tuple[Groom, Float32]:

@@ -12,6 +12,7 @@ pytest.importorskip("torch", reason="torch is not installed: pip install '.[trai
 pytest.importorskip("moderngl", reason="moderngl is not installed: pip install '.[train]'")
 
 from models.people import shards, strands
+from models.people.cosmetics import EARRINGS, MADE_UP, earrings, make_up
 from models.people.draw import renderer
 from models.people.expression import draw_expression
 from models.people.make import HAIRY, Portrait, portrait
@@ -158,6 +159,22 @@ def test_grooms_follow_the_head_that_they_are_carried_to() -> None:
         before = cKDTree(head.mean[skin]).query(groom.strands[:, 0])[0]
         after = cKDTree(person.neutral[skin]).query(moved)[0]
         assert np.median(np.abs(after - before)) < 0.003
+
+
+def test_make_up_and_earrings_go_with_the_sex_and_hang_at_the_lobes() -> None:
+    """Shares are those that are stated, within four standard deviations; an earring touches the ear and hangs below."""
+    head, count = the_head(), 400
+    for male in (False, True):
+        painted = sum(make_up(seed, male)["lidPaint"] != make_up(seed, male)["lipPaint"] for seed in range(count))
+        worn = [earrings(seed, male, head.mean) for seed in range(count)]
+        for share, found in ((MADE_UP[male], painted), (EARRINGS[male], sum(map(bool, worn)))):
+            assert abs(found / count - share) < 4 * np.sqrt(share * (1 - share) / count) + 0.05 * share
+        for mesh in (one for several in worn for one in several):
+            side = "left" if mesh.position[:, 0].mean() > 0 else "right"
+            ear = head.mean[head.region(f"ear_{side}") > 0.5]
+            apart = np.linalg.norm(mesh.position[:, None] - ear[None], axis=2).min()
+            assert apart < 0.006 and mesh.position[:, 1].max() < ear[:, 1].mean()
+            assert mesh.triangles.max() < len(mesh.position) and np.isfinite(mesh.normal).all()
 
 
 def test_closed_eyes_show_no_iris() -> None:

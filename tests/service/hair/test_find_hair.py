@@ -106,6 +106,12 @@ def test_no_crown_is_bald_that_the_photo_does_not_show() -> None:
     horseshoe = photographed(dataclasses.replace(NAMED["crop"], crown=1.0, receding=1.0), 3, HEAD)
     kept = seen_thinning(bald, horseshoe.sight, SKIN)
     assert kept.crown == 1 and kept.receding > 0.5, "all of the top is bare from the front"
+    known = horseshoe.sight.known.copy()
+    known[: int(np.flatnonzero(np.isfinite(horseshoe.sight.behind).any(1))[0]) + 5] = 0
+    higher = dataclasses.replace(horseshoe.sight, known=known, hair=horseshoe.sight.hair * known)
+    assert seen_thinning(bald, higher, SKIN).crown == 1, "a fitted skull that is too high counted as hair"
+    hidden = dataclasses.replace(horseshoe.sight, known=np.zeros_like(known))
+    assert seen_thinning(bald, hidden, SKIN).receding == 0, "what a hat hides has not receded"
 
 
 def test_styles_that_are_tried_are_gathered_as_the_reading_says() -> None:
