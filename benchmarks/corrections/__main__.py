@@ -28,7 +28,8 @@ ENOUGH_DB = 0.1
 
 HEADER = """# Corrections on trial
 
-The networks' albedo is altered by a list of rules (`service/corrections.py`), each of which can be turned off by
+The networks' albedo is altered by a list of rules
+(`service/reflectance/albedo/diffuse_albedo.py`), each of which can be turned off by
 `avatarme make --without NAME`. This page says what is lost when one is taken out. It is made by
 
     python -m benchmarks.corrections --data DIR -o docs/corrections.md
