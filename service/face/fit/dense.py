@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # loaded only where a face is fitted
 
 POINT_SHARE, NORMAL_SHARE = 0.04, 0.01
 """Weight of one cell beside its stated uncertainty: errors of neighbours are alike."""
-FLOOR_MM, FLOOR_SINE = 0.7, 0.05
+FLOOR_MM, FLOOR_SINE = 1.5, 0.05
 """Added to the stated standard deviations: what the network cannot know about itself."""
 GATE = 3.0
 """Standard deviations at which a cell's say is quartered (Geman and McClure)."""

@@ -87,7 +87,7 @@ def test_a_perfect_reading_brings_the_shape_back(head: HeadModel, yaw: float) ->
     points = fit_face(face, photo, head, FitSettings(refine="landmarks"))
     dense = fit_face(face, photo, head, FitSettings(refine="dense"), reading)
     assert "not-read" not in dense.warnings
-    assert error_mm(head, dense.neutral, truth) < min(1.1, 0.6 * error_mm(head, points.neutral, truth))
+    assert error_mm(head, dense.neutral, truth) < min(1.2, 0.6 * error_mm(head, points.neutral, truth))
 
 
 def test_normals_bend_the_shape_where_places_are_vague(head: HeadModel) -> None:
