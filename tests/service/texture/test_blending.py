@@ -57,7 +57,8 @@ def test_what_one_photo_has_is_outvoted_by_two_others_or_known_by_its_reading(
     """Something dark before the face, which the reading calls glasses or does not know; two photos cannot vote."""
 
     def spot(points: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(points - HEAD.mean[np.argmax(HEAD.mean[:, 2])], axis=1) < 0.02
+        nose = HEAD.mean[np.argmax(HEAD.mean[:, 2])]
+        return np.asarray(np.linalg.norm(points - nose, axis=1) < 0.02)
 
     first, fit = seen(0, lambda points: np.where(spot(points)[:, None], 0.1, np.asarray(SKIN)))
     if known:
