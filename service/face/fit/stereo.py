@@ -33,8 +33,9 @@ NEAR, SURROUNDINGS = 3.0, 5.0
 shading in the pictures, which differs from light to light."""
 ANGLES_DEG, BEST_DEG = (8.0, 65.0), 35.0
 """Angles between two views that are compared, and the best: near ones tell no depth, far ones see other skin."""
-PROFILE_DEG = 80.0
-"""Yaw from which on a photo is not compared: the head is placed too badly there, and pulls the rest astray."""
+PROFILE_DEG = 76.5
+"""Yaw from which on a photo is not compared: the head is placed too badly there, and pulls the rest astray. Profiles of
+90 degrees are placed at 77 to 84 at first, those of 75 at 65 to 76."""
 LEAST_NCC, FULL_NCC = 0.45, 0.8
 """Correlation of the surroundings up to which a spot does not count, and from which on it counts fully."""
 GATE = 3.0
