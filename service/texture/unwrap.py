@@ -295,6 +295,9 @@ SURFACE = (SKIN, BROW, BEARD, LIP)
 SURE = 0.9
 """Least probability of skin or beard at which neck and ears are taken from the photo."""
 
+SLIVER, SLIVER_SEEN = 0.012, 0.05
+"""Share of the chart below which an island of seen neck is not taken from the photo, and opacity that makes it one."""
+
 FRAME = (0.1, 0.07)
 """Probability of glasses, and share of the face with more, from which on glasses are worn: 0.12 and 0.15 on two photos
 with them, 0.04 at most on 27 without. Frames are thinner than the reader's cells."""
@@ -333,8 +336,18 @@ def segment(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) ->
     colour = np.median(unwrapped.colour[face], 0).astype(np.float32) if face.any() else None
     # Collars take the neck's shape and shade it; of an ear the fit is off by as much as it is wide.
     doubt = zones.beside * widened(chart, np.asarray(parts[:, [SKIN, BEARD]].sum(1) < SURE, np.float32))
-    seen = opacity(unwrapped.weight) * (1 - zones.hidden) * (1 - doubt)
-    return Segmentation(np.asarray(seen, np.float32), lit, colour, face)
+    seen = np.asarray(opacity(unwrapped.weight) * (1 - zones.hidden) * (1 - doubt), np.float32)
+    return Segmentation(seen * ~_slivers(chart, seen, zones), lit, colour, face)
+
+
+def _slivers(chart: Chart, seen: Float32, zones: Zones) -> Bool:
+    """(N,) bool, small islands of seen neck and ears: between jaw and collar both throw their shade on them."""
+    shown = chart.spread((zones.skin & (seen > SLIVER_SEEN))[:, None].astype(np.float32))[..., 0]
+    _, label, found, _ = cv2.connectedComponentsWithStats((shown > 0.5).astype(np.uint8))
+    island = np.asarray(label.ravel()[chart.texels])
+    small = found[:, cv2.CC_STAT_AREA] < SLIVER * label.size
+    small[island[zones.face > 0.5]] = False
+    return np.asarray(small[island])
 
 
 def wears_glasses(parts: Float32, weight: Float32, zones: Zones) -> bool:

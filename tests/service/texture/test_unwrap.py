@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -27,7 +28,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.map_registry import SEEN
 from service.texture.texture import Texture, make_texture
-from service.texture.unwrap import Zones, covered, parts_at, unwrap
+from service.texture.unwrap import Zones, covered, parts_at, segment, unwrap
 from tests.service.texture.scenes import SKIN as TONE
 from tests.service.texture.scenes import fitted, photograph, plain, read_off, turned
 
@@ -78,6 +79,23 @@ def test_a_hand_of_the_colour_of_skin_is_not_kept() -> None:
     cheek = np.s_[85:100, 110:125]
     assert with_it.texture[cheek][..., 0].mean() < without.texture[cheek][..., 0].mean() - 5
     assert with_it.visible_fraction < without.visible_fraction
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.006, False), (0.03, True)])
+def test_a_sliver_of_neck_between_jaw_and_collar_is_not_taken(share: float, kept: bool) -> None:
+    """Jaw and collar throw their shade on it: it would leave two stains on the throat. A face may be in pieces."""
+    unwrapped, zones = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART), Zones.of(CHART)
+    row, column = np.divmod(CHART.texels, CHART.width)
+    middle = int(np.median(row[(zones.beside > 0.99) & (np.abs(column - CHART.width / 2) < 3)]))
+    half = np.sqrt(share * CHART.width * CHART.height / 3) / 2
+    neck = zones.skin & (np.abs(row - middle) <= half) & (np.abs(column - CHART.width / 2) <= 3 * half)
+    cheek = (zones.face > 0.9) & zones.skin & (np.abs(column - 0.6 * CHART.width) < 2)
+    weight = np.where(neck | cheek, np.float32(1), np.float32(0))
+    parts = np.zeros((len(weight), len(PARTS)), np.float32)
+    parts[:, SKIN] = 1
+    seen = segment(CHART, replace(unwrapped, weight=weight), parts, zones).seen
+    assert (seen[neck & (zones.face < 0.01)].mean() > 0.5) == kept
+    assert seen[cheek & (zones.hidden == 0)].mean() > 0.9
 
 
 def test_everything_hidden_still_gives_a_head() -> None:
