@@ -51,8 +51,6 @@ SMALL_MAP = 1536 * 1024
 """Texels of a map up to which memory is no matter: stages run side by side, and what one leaves is kept for the next,
 as fresh pages took a tenth of a draft."""
 
-TILE_OF_SMALL = 1024
-"""The side there: a draft is two tiles, not four, whose margins cost a tenth of the networks' time."""
 
 Write = Callable[[Tile, Float32], None]
 """Takes a tile and its result (K, scale h, scale w)."""
