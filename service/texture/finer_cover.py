@@ -148,11 +148,12 @@ def in_the_dark(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones
     bare = told & zones.skin & (zones.face > 0.5) & (parts[:, SKIN] > 0.5)
     if not bare.any():
         return np.zeros_like(least)
-    limit = min(CLIPPED, USUAL * float(np.median(least[bare])))
+    limit = min(CLIPPED, max(USUAL * float(np.median(least[bare])), 1e-3))
     dark = 1 - smoothstep(least, limit / 3, limit)
     bright = unwrapped.colour @ LUMA
     skin = blurred(chart.spread(np.c_[bright * bare, bare].astype(np.float32)), BESIDE * chart.width)
     beside = (skin[..., 0] / np.maximum(skin[..., 1], np.float32(1e-3))).ravel()[chart.texels]
-    shaded = (1 - smoothstep(beside / np.median(bright[bare]), *SHADED)) * (parts[:, BROW] > OWN_FEATURES[1])
+    usual = max(float(np.median(bright[bare])), 1e-3)
+    shaded = (1 - smoothstep(beside / usual, *SHADED)) * (parts[:, BROW] > OWN_FEATURES[1])
     own = parts[:, DARK_ITSELF].sum(1).clip(0, 1) * (1 - shaded)
     return np.asarray(dark * told * zones.skin * (1 - own), np.float32)

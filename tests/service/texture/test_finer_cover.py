@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,7 @@ def test_what_is_nearly_black_hides_skin_and_brows_may_be_black() -> None:
     assert hidden[own & brow & (ROW < 110)].mean() > 0.9
     assert hidden[own & ~brim].max() < 0.1
     assert in_the_dark(CHART, seen(TONE * np.full((COUNT, 1), 0.1, np.float32)), parts(), ZONES)[own].mean() < 0.3
+    for colour in ((0, 0, 0), (0.5, 0.3, 0)):
+        flat = replace(seen(shaded), colour=np.full((COUNT, 3), colour, np.float32))
+        found = in_the_dark(CHART, flat, parts(), ZONES)
+        assert np.isfinite(found).all(), "a face without light, or without any in one colour: its medians divide"
