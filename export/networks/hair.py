@@ -24,7 +24,7 @@ from models.networks.reader import ReaderSize
 from models.people.shards import UNKNOWN
 from models.training.hair import NOT_SHIPPED, calibration_set
 from models.training.reader import shards
-from models.training.restore import weights_of
+from models.training.restore import weights_for
 from service.archive.container import replace_file
 from service.errors import ModelFault
 from service.hair.kinds import KINDS
@@ -59,12 +59,9 @@ def keep(network: HairReader, share: float) -> None:
     """
     if not 0 <= share <= 1:
         raise ModelFault(f"--keep is {share}; it goes from 0 to 1")
-    found, state = weights_of(MODELS / "hair.onnx"), network.state_dict()
-    for name, values in state.items():
-        if not name.startswith(NOT_SHIPPED):
-            if name not in found or found[name].shape != values.shape:
-                raise ModelFault(f"the weights that ship have no {name} of {tuple(values.shape)}")
-            values.lerp_(torch.as_tensor(found[name], dtype=values.dtype), share)
+    state = network.state_dict()
+    for name, values in weights_for(state, MODELS / "hair.onnx", NOT_SHIPPED).items():
+        state[name].lerp_(values, share)
 
 
 def calibrate(network: HairReader, data: Path) -> list[float]:

@@ -33,6 +33,10 @@ LOBE_SHARE = 0.12
 """Of an ear's height, from below, in which its lobe lies."""
 
 
+NO_MAKE_UP: dict[str, tuple[float, ...]] = dict.fromkeys(("lipPaint", "lidPaint", "facePaint"), (0.0,) * 4)
+"""Uniforms of the shader of skin for a bare face."""
+
+
 @functools.lru_cache(maxsize=1)
 def places() -> npt.NDArray[np.uint8]:
     """(704, 1056, 4) uint8 in the chart: upper lids with the hollow above them, edges of the lids, cheeks, brows."""
@@ -41,9 +45,8 @@ def places() -> npt.NDArray[np.uint8]:
     groups = (("eyelid_upper_left", "eyelid_upper_right"), ("eye_socket",), ("cheek_left", "cheek_right"),
               ("brow_left", "brow_right"))  # fmt: skip
     values = chart.interpolate(np.stack([vertex_mask(head, *names) for names in groups], 1)) * chart.mask[..., None]
-    values[..., 0] = cv2.GaussianBlur(np.asarray(values[..., 0], np.float32), (0, 0), 4.0)
-    values[..., 1] = cv2.GaussianBlur(np.asarray(values[..., 1], np.float32), (0, 0), 1.5)
-    values[..., 2] = cv2.GaussianBlur(np.asarray(values[..., 2], np.float32), (0, 0), 9.0)
+    for k, sigma in enumerate((4.0, 1.5, 9.0)):
+        values[..., k] = cv2.GaussianBlur(np.asarray(values[..., k], np.float32), (0, 0), sigma)
     return np.asarray(np.round(255 * np.clip(values, 0, 1)), np.uint8)
 
 
@@ -57,7 +60,7 @@ def make_up(seed: int, male: bool) -> dict[str, tuple[float, ...]]:
     s = Stream(seed, "make-up")
     plucked = s.one(0.0, 0.6) if not male and s.chance(0.6) else 0.0
     if not s.chance(MADE_UP[male]):
-        return {"lipPaint": (0.0,) * 4, "lidPaint": (0.0,) * 4, "facePaint": (0.0, 0.0, plucked, 0.0)}
+        return NO_MAKE_UP | {"facePaint": (0.0, 0.0, plucked, 0.0)}
     red = s.one(0.12, 0.6)
     lips = (red, red * s.one(0.05, 0.55), red * s.one(0.1, 0.6), s.one(0.2, 0.9) if s.chance(0.8) else 0.0)
     dark = s.one(0.02, 0.35)

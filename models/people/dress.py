@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.lightstage.skin.streams import Stream
+from models.people.cosmetics import NO_MAKE_UP, earrings, make_up
 from models.people.draw import Mesh
 from models.people.figure import neck_colour, smooth_normals
 from models.people.glasses import glasses
@@ -37,12 +38,14 @@ class Outfit:
     Attributes:
         meshes: to be drawn with the head.
         beard: density, density of the moustache, length from 0 to 3, edge; for the shaders.
+        make_up: uniforms of the shader of skin.
         screens: what is put on the picture.
         groomed: whether hair grows on the head; hair_top: height in metres above which a hat hides it.
     """
 
     meshes: list[Mesh] = field(default_factory=list)
     beard: tuple[float, float, float, float] = NO_BEARD
+    make_up: dict[str, tuple[float, ...]] = field(default_factory=lambda: NO_MAKE_UP)
     screens: list[Callable[[Float, dict[str, npt.NDArray[Any]]], Float]] = field(default_factory=list)
     groomed: bool = False
     hair_top: float | None = None
@@ -90,7 +93,7 @@ def dress(
         light_level: radiance of skin in the portrait's light, about.
         meshes: styles of the wardrobe of which one is worn in place of a groom; none for grooms.
         only: of what hides skin only this one of ``INTRUDERS``, or "nothing"; None: as it comes. With it nobody has a
-            beard.
+            beard, make-up or earrings: the albedo is the skin's own.
         hidden: whether masks, hands and flat things hide as many faces as they may; else they hide a third of these.
 
     Raises:
@@ -119,6 +122,8 @@ def dress(
                                uniforms={"colour": (0.01, 0.008, 0.007)}))  # fmt: skip
     if only is None:
         _beard(s, out, person, skin, colour)
+        out.make_up = make_up(seed, skin.male)
+        out.meshes += earrings(seed, skin.male, person.neutral)
     if s.chance(0.85):
         item = wardrobe.items[_cloth(s, skin.male, wardrobe)]
         tint = tuple(float(x) for x in np.exp(s.normal(0.0, 0.5, 3)))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.lightstage.skin.streams import Stream
-from models.people.cosmetics import earrings, make_up, places
+from models.people.cosmetics import places
 from models.people.develop import backdrop, develop
 from models.people.draw import Mesh, Renderer, renderer
 from models.people.dress import dress, hair_colour
@@ -111,8 +111,6 @@ def portrait(
     worn = worn if outfit.groomed else None
     roots = None if worn is None else covered(worn.groom, head.mean)
     scene = [*figure(person, skin, hair, wardrobe, seed, roots), *outfit.meshes]
-    if only is None:
-        scene += earrings(seed, skin.male, person.neutral)
     _textures(r, seed, person.skin, folder, light.sky, light.gobo, scene)
     shared = {
         "eye": tuple(float(x) for x in camera.centre),
@@ -130,7 +128,7 @@ def portrait(
         "eyeLook": (0.35, 0.3, 1.0, 0.0),
         "glare": 1e9,
         "scalp": tuple(float(x) for x in hair),
-        **make_up(seed, skin.male),
+        **outfit.make_up,
     }
     for mesh in scene:  # a uniform that one mesh sets must not stay for the next
         mesh.uniforms = {**{k: shared[k] for k in _OWN}, **mesh.uniforms}

@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader, IterableDataset
 
 from models.networks.reader import ReaderSize
 from models.training.moving_average import MOST, follow
-from models.training.restore import weights_of
+from models.training.restore import weights_for
 from service.errors import ModelFault
 
 N = TypeVar("N", bound=nn.Module)
@@ -75,13 +75,8 @@ class PeopleRun(Generic[N]):
         Raises:
             ModelFault: there is no such file, or its network is of another size.
         """
-        found, state = weights_of(path), self.network.state_dict()
-        for name, values in state.items():
-            if name.startswith(apart):
-                continue
-            if name not in found or found[name].shape != values.shape:
-                raise ModelFault(f"{path} has no {name} of {tuple(values.shape)}; was its size {self.size}?")
-            state[name] = found[name]
+        state = self.network.state_dict()
+        state |= weights_for(state, path, apart)
         for network in (self.network, self.average):
             network.load_state_dict(state)
 

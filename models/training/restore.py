@@ -8,6 +8,7 @@ discriminator, the log) does not ship and begins afresh.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -39,6 +40,25 @@ def weights_of(path: Path) -> dict[str, Tensor]:
         raise ModelFault(f"{path} does not exist; the networks of the service lie in {MODELS}")
     tensors = {t.name.removesuffix(HALF): numpy_helper.to_array(t) for t in onnx.load(str(path)).graph.initializer}
     return {name: torch.from_numpy(values.astype(np.float32)) for name, values in tensors.items()}
+
+
+def weights_for(state: Mapping[str, Tensor], path: Path, apart: tuple[str, ...] = ()) -> dict[str, Tensor]:
+    """Weights in an ONNX file of all that a network's state has.
+
+    Args:
+        state: of the network.
+        path: the file.
+        apart: beginnings of the names of what does not ship, and is left out.
+
+    Raises:
+        ModelFault: there is no such file, or its network is of another size.
+    """
+    found = weights_of(path)
+    wanted = {name: values.shape for name, values in state.items() if not name.startswith(apart)}
+    for name, shape in wanted.items():
+        if name not in found or found[name].shape != shape:
+            raise ModelFault(f"{path} has no {name} of {tuple(shape)}: its network is of another size")
+    return {name: found[name] for name in wanted}
 
 
 def shipped(network: str, folder: Path = MODELS) -> dict[str, Tensor]:
