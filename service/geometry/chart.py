@@ -112,8 +112,10 @@ class Chart:
 
     def spread(self, values: AnyFloat, outside: tuple[float, ...] | float = 0.0) -> Float32:
         """(H, W, C) float32 image of values (N, C) at the inner ``texels``; ``outside`` elsewhere."""
-        result = np.full((self.triangle.size, values.shape[1]), outside, np.float32)
-        result[self.texels] = values
+        count = values.shape[1]
+        result = np.full((self.triangle.size, count), outside, np.float32)
+        texel = f"V{4 * count}"  # moved as one thing: half the time of so many numbers
+        result.view(texel)[self.texels] = np.ascontiguousarray(values, np.float32).view(texel)
         return result.reshape(*self.triangle.shape, -1)
 
     def gather(self, per_triangle: AnyFloat) -> Float32:

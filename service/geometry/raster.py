@@ -86,7 +86,7 @@ def rasterise(
 
 @dataclass(frozen=True)
 class Fragments:
-    """Every pixel centre that every triangle covers, ordered by pixel and there from near to far.
+    """Every pixel centre that every triangle covers, by triangles in their order.
 
     Attributes:
         pixel: (N,) int64 flat index, row by row.
@@ -106,8 +106,7 @@ def fragments(
 ) -> Fragments:
     """All surfaces behind each pixel, for what is partly transparent; both sides of triangles are drawn.
 
-    Perspective, edges and what is left out are as in :func:`rasterise`. Of fragments at the same depth that of the
-    lower triangle comes first.
+    Perspective, edges and what is left out are as in :func:`rasterise`.
 
     Args:
         points_2d: (V, 2) pixels.
@@ -122,35 +121,27 @@ def fragments(
     keep = _usable(points, z, faces, cull=False, perspective=True)
     keep = keep[_touches(points, faces[keep], width, height, 0)]
     planes = _Planes.through(points[faces[keep]], 1.0 / z[faces[keep]])
-    pixels, owners, weights, depths = [], [], [], []
+    none = np.zeros(0, np.int64)
+    found = [(none, none, np.zeros((0, 3), np.float32), np.zeros(0, np.float32))]
     limit = None if nearer is None else np.asarray(nearer, np.float32).ravel()
     for rows in _spans(planes.corners, width, height, 0):
         span, step = _expand(rows.stop - rows.start)
         pixel, far = _at(rows, planes, span, step, width, 0, True)
         if limit is not None:
             shown = np.flatnonzero(far < limit[pixel])
-            span, pixel, far = span[shown], pixel[shown], far[shown]
-        t, (y, x) = rows.triangle[span], np.divmod(pixel, width)
-        share = _barycentric(planes, t, (x + 0.5).astype(np.float64), (y + 0.5).astype(np.float64), True)
-        pixels.append(pixel)
-        owners.append(keep[t])
-        weights.append(share.astype(np.float32))
-        depths.append(far)
-    pixel, triangle = (np.concatenate([np.zeros(0, np.int64), *each]) for each in (pixels, owners))
-    share32 = np.concatenate([np.zeros((0, 3), np.float32), *weights])
-    far32 = np.concatenate([np.zeros(0, np.float32), *depths])
-    # Depths are positive, so their bits are in order; triangles are in theirs already.
-    order = np.argsort((pixel << 32) | far32.view(np.int32), kind="stable")
-    return Fragments(pixel[order], triangle[order], share32[order], far32[order])
+            span, step, pixel, far = span[shown], step[shown], pixel[shown], far[shown]
+        t, x, y = rows.triangle[span], (rows.start[span] + step).astype(np.float64), rows.y[span].astype(np.float64)
+        found.append((pixel, keep[t], _barycentric(planes, t, x + 0.5, y + 0.5, True).astype(np.float32), far))
+    pixels, owners, weights, depths = zip(*found, strict=True)
+    return Fragments(*map(np.concatenate, (pixels, owners, weights, depths)))
 
 
 def interpolate(values: Float32, corners: AnyInt, weights: Float32) -> Float32:
     """(N, C) float32 of ``values`` (V, C) at barycentric ``weights`` (N, 3) of vertices ``corners`` (N, 3)."""
-    # np.take: several times faster than values[corners] on rows.
-    result = np.take(values, corners[:, 0], axis=0) * weights[:, :1]
-    for i in (1, 2):
-        result += np.take(values, corners[:, i], axis=0) * weights[:, i : i + 1]
-    return np.asarray(result)
+    from scipy.sparse import csr_array
+
+    rows = np.arange(0, corners.size + 1, 3)  # as a matrix of three entries a row: several times as fast as np.take
+    return np.asarray(csr_array((weights.ravel(), corners.ravel(), rows), (len(corners), len(values))) @ values)
 
 
 def signed_area(points_2d: AnyFloat, triangles: AnyInt) -> Float64:
@@ -161,7 +152,7 @@ def signed_area(points_2d: AnyFloat, triangles: AnyInt) -> Float64:
 
 def _usable(points: Float64, z: Float64, faces: Int64, cull: bool, perspective: bool) -> Int64:
     """Indices of the triangles that may be drawn."""
-    finite = np.isfinite(points).all(1) & np.isfinite(z)
+    finite = np.isfinite(points[:, 0]) & np.isfinite(points[:, 1]) & np.isfinite(z)
     if perspective:
         finite &= z >= NEAREST_M
     with np.errstate(invalid="ignore", over="ignore"):
@@ -269,7 +260,7 @@ def _crossing(origin: Float64, slope: Float64, edge: Int64, y: Float64) -> Float
 def _expand(counts: Int64) -> tuple[Int64, Int64]:
     """For counts (n0, n1, ...): index of the owner and position within it, both of length sum(counts)."""
     owner = np.repeat(np.arange(len(counts)), counts)
-    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return owner, np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]
 
 
 def _draw(

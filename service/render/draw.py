@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, Float64, Int32, Int64
+from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
 from service.geometry.mesh import area_normals, normalise
 from service.geometry.raster import (
-    Fragments,
     composite,
     fragments,
     interpolate,
@@ -77,6 +76,24 @@ class DrawnPart:
         places = part_triangles(part.polygons_uv, part.polygons)
         normals = part_normals(part, part.vertices, triangles)
         return cls(part, triangles, places, normals, _along_v(part, triangles, places))
+
+    @cached_property
+    def _cover(self) -> UInt8 | None:
+        """(H, W) opacity by its texture; None where it has none."""
+        picture, way = self.part.material.colour_map, self.part.material.alpha
+        if isinstance(picture, OwnMap) and picture.has_alpha and way != "opaque":
+            return np.ascontiguousarray(picture.pixels[..., 3])  # sampled many times
+        return None
+
+    def opacity(self, uv: Float32) -> Float32:
+        """(N,) alpha in [0, 1] at places (N, 2) of its texture."""
+        material = self.part.material
+        alpha = np.full(len(uv), material.opacity, np.float32)
+        if self._cover is not None:
+            alpha *= sample_chart(self._cover, uv)[:, 0] / np.float32(255)
+        if material.alpha == "mask":
+            alpha = np.clip((alpha - material.cutoff) / np.float32(EDGE) + np.float32(0.5), 0, 1)
+        return np.asarray(alpha, np.float32)
 
     def strands(self, corners: Int32, weights: Float32, uv: Float32) -> Float32 | None:
         """(F, 3) unit direction of the strands that the texture shows at places (F, 2); None where it is no hair."""
@@ -307,41 +324,35 @@ def see(model: DrawnHead, camera: Camera, samples: float, chart: Float32 | None 
             if not len(found.pixel):
                 continue
             shown, inside = some[found.triangle], found.barycentric
-            place, around = interpolate(drawn.part.uv, drawn.places[shown], inside), drawn.triangles[shown]
-            colour, alpha = painted(drawn.part, place, chart)
+            shown, pixel = some[found.triangle], found.pixel
+            place = interpolate(drawn.part.uv, drawn.places[shown], found.barycentric)
+            alpha, inside, far = drawn.opacity(place), found.barycentric, found.depth
             if drawn.part.material.alpha == "mask":
                 solid = alpha >= 1
-                np.minimum.at(nearest.ravel(), found.pixel[solid], found.depth[solid])
-                kept = (alpha > 0) & (found.depth <= nearest.ravel()[found.pixel])
-                shown, around, inside, place = shown[kept], around[kept], inside[kept], place[kept]
-                colour, alpha = colour[kept], alpha[kept]
-                found = Fragments(found.pixel[kept], found.triangle[kept], inside, found.depth[kept])
+                np.minimum.at(nearest.ravel(), pixel[solid], far[solid])
+                kept = np.flatnonzero((alpha > 0) & (far <= nearest.ravel()[pixel]))
+                shown, pixel, place = shown[kept], pixel[kept], place[kept]
+                alpha, inside, far = alpha[kept], inside[kept], far[kept]
+            around, colour = drawn.triangles[shown], painted(drawn.part, place, chart)
             along = drawn.strands(around, inside, place)
             turned = None if along is not None else bent(drawn, shown, inside, place)
             dark = np.zeros_like(colour)
-            own = SeenPart(drawn, around, inside, place, found.pixel, colour, alpha, dark, turned, along)
-            parts.append(own)
-            keys.append((found.pixel << 32) | found.depth.view(np.int32))
-    # Depths are positive, so their bits are in order; those of one part are, and to merge such runs is quick.
+            parts.append(SeenPart(drawn, around, inside, place, pixel, colour, alpha, dark, turned, along))
+            keys.append((pixel << 32) | far.view(np.int32))
+    # Depths are positive, so their bits are in order.
     order = np.argsort(np.concatenate(keys), kind="stable")
     return SeenHead(model, camera, (height, width), index, corners, weights, uv, position, tuple(parts), order)
 
 
-def painted(part: MeshPart, uv: Float32, chart: Float32 | None) -> tuple[Float32, Float32]:
-    """(N, 3) linear albedo and (N,) alpha in [0, 1] of a part at places (N, 2) of its texture, or of the chart's."""
-    material, picture = part.material, part.material.colour_map
-    alpha = np.full(len(uv), material.opacity, np.float32)
-    colour = np.tile(np.array(material.colour, np.float32), (len(uv), 1))
+def painted(part: MeshPart, uv: Float32, chart: Float32 | None) -> Float32:
+    """(N, 3) linear albedo of a part at places (N, 2) of its texture, or of the chart's."""
+    picture = part.material.colour_map
     if isinstance(picture, ChartMap) and chart is not None:
-        colour = sample_chart(chart, uv)
-    elif isinstance(picture, OwnMap):
+        return sample_chart(chart, uv)
+    if isinstance(picture, OwnMap):
         values = sample_chart(picture.pixels, uv) / np.float32(255)
-        colour = srgb_to_linear(values[:, :3] if values.shape[1] >= 3 else np.repeat(values[:, :1], 3, 1))
-        if picture.has_alpha and material.alpha != "opaque":
-            alpha = alpha * values[:, 3]
-    if material.alpha == "mask":
-        alpha = np.clip((alpha - material.cutoff) / np.float32(EDGE) + np.float32(0.5), 0, 1)
-    return np.asarray(colour, np.float32), np.asarray(alpha, np.float32)
+        return srgb_to_linear(values[:, :3] if values.shape[1] >= 3 else np.repeat(values[:, :1], 3, 1))
+    return np.tile(np.array(part.material.colour, np.float32), (len(uv), 1))
 
 
 def bent(drawn: DrawnPart, shown: Int64, inside: Float32, uv: Float32) -> Float32 | None:

@@ -20,7 +20,7 @@ from service.light.environment import Illumination, flux_by_direction, spread_di
 from service.light.formulas import Graphs, lamp_numbers
 from service.light.scene import PointLight
 from service.materials.part import MeshPart
-from service.render.draw import DrawnPart, SeenPart, painted, unit
+from service.render.draw import DrawnPart, SeenPart, unit
 
 TILT = np.radians(3.0)
 """Of a cuticle's scales (Marschner 2003, table 1)."""
@@ -83,7 +83,7 @@ class HairVolume:
             place = one.places[corner]
             uv = np.einsum("mk,mkc->mc", weight, one.part.uv[place]).astype(np.float32)
             points.append(np.einsum("mk,mkc->mc", weight, one.part.vertices[one.triangles[corner]]))
-            amount.append(FACING * area * painted(one.part, uv, None)[1])
+            amount.append(FACING * area * one.opacity(uv))
         strands = _thinned(np.concatenate(points) * 1000, np.concatenate(amount))
         corner, weight, area = _spread(vertices, triangles)
         skin = np.einsum("mk,mkc->mc", weight, np.asarray(vertices)[triangles[corner]])

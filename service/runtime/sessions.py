@@ -35,7 +35,8 @@ import numpy.typing as npt
 
 from service.errors import ModelFault, NumericFault, OutOfMemory
 
-REPORTER = "openvino_telemetry"
+CONVERTER = "openvino.tools.ovc"
+"""What turns models of other libraries into OpenVINO's, and reports that to its makers."""
 
 
 @lru_cache(maxsize=1)
@@ -67,10 +68,10 @@ def openvino_library() -> Any:
     """OpenVINO, imported at first use.
 
     Left alone, its import makes up a client id, keeps it in the user's home, and forks a process that reports to its
-    makers; a fork beside another thread's matrix product can also hang the program. It does without where its package
-    for that is missing, so it is told that it is. This program talks to nobody.
+    makers; a fork beside another thread's matrix product can also hang the program. It does without where its converter
+    is missing, which is two thirds of the import, so it is told that it is. This program talks to nobody.
     """
-    sys.modules.setdefault(REPORTER, None)  # type: ignore[arg-type]  # None makes an import fail
+    sys.modules.setdefault(CONVERTER, None)  # type: ignore[arg-type]  # None makes an import fail
     import openvino
 
     # The first array that becomes a tensor initialises a type under two locks, which two threads would take crosswise.

@@ -8,6 +8,7 @@ the whole opening lies beside that rim.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -101,7 +102,7 @@ class Rim:
         places = np.linspace(0.25, 0.75, PLACES)
         return float(np.mean(np.interp(places, *self.upper.T) - np.interp(places, *self.lower.T))) / self.length
 
-    @property
+    @cached_property
     def places(self) -> Float64:
         """(N,) places at which edges are fitted to it."""
         return np.linspace(*self.used, PLACES)

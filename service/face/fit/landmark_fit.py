@@ -153,12 +153,12 @@ def modes(head: HeadModel, count: int) -> Float32:
     face = np.flatnonzero((head.region("face") > 0.5) & (head.mean[:, 0] >= 0.0))
     # Points of half the face on which the process is decomposed.
     handles = points[_spread(points, face, 260)]
+    here, across = ([kernel(some, handles * side) for some in (handles, points)] for side in (np.ones(3), flip))
     fields: list[tuple[float, Float64, int, float]] = []
     for sign in (1.0, -1.0):
-        direct = kernel(handles, handles) + sign * kernel(handles, handles * flip)
+        direct, on_head = (own + sign * mirrored for own, mirrored in zip(here, across, strict=True))
         values, vectors = np.linalg.eigh(direct)
         strong = values > 1e-6 * values[-1]
-        on_head = kernel(points, handles) + sign * kernel(points, handles * flip)
         field = on_head @ (vectors[:, strong] / np.sqrt(values[strong]))
         for value, column in zip(values[strong], field.T, strict=True):
             for axis in range(3):

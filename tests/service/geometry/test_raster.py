@@ -127,18 +127,21 @@ def test_layers_are_composited_as_one_by_one() -> None:
     np.testing.assert_allclose(composite(pixel, colour, alpha, 20), wanted, atol=1e-5)
 
 
-def test_fragments_are_all_surfaces_in_order() -> None:
+def test_fragments_are_all_surfaces_by_triangles() -> None:
     rng = np.random.default_rng(2)
     points = rng.uniform(-5, 25, (30, 2))
     depth, triangles = rng.uniform(0.5, 2.0, 30), rng.integers(0, 30, (40, 3))
     found = fragments(points, depth, triangles, 20, 16)
-    assert (np.diff(found.pixel) >= 0).all()
-    same = np.diff(found.pixel) == 0
-    assert (np.diff(found.depth)[same] >= 0).all()
+    assert (np.diff(found.triangle) >= 0).all()
     nearest = rasterise(points, depth, triangles, 20, 16, perspective=True)
-    pixel, first = np.unique(found.pixel, return_index=True)
-    assert np.array_equal(pixel, np.flatnonzero(nearest.mask))
-    np.testing.assert_allclose(found.depth[first], nearest.depth.ravel()[pixel], rtol=1e-5)
+    least = np.full(20 * 16, np.inf, np.float32)
+    np.minimum.at(least, found.pixel, found.depth)
+    assert np.array_equal(np.isfinite(least), nearest.mask.ravel())
+    seen = np.flatnonzero(nearest.mask)
+    np.testing.assert_allclose(least[seen], nearest.depth.ravel()[seen], rtol=1e-5)
+    front = found.depth == least[found.pixel]
+    wanted = nearest.barycentric.reshape(-1, 3)[found.pixel[front]]
+    np.testing.assert_allclose(found.barycentric[front], wanted, atol=1e-5)
     shallow = fragments(points, depth, triangles, 20, 16, nearer=np.full((16, 20), 1.0, np.float32))
     assert len(shallow.pixel) == (found.depth < 1.0).sum() > 0
     assert not len(fragments(points + 1000, depth, triangles, 20, 16).pixel)

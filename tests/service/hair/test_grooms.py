@@ -61,7 +61,7 @@ def test_baldness_of_temples_and_crown_meets_and_leaves_a_horseshoe() -> None:
     def left(receding: float, crown: float) -> tuple[float, float]:
         style = dataclasses.replace(NAMED["crop"], receding=receding, crown=crown)
         kept = grown(roots, style, np.random.default_rng(2)).elevation
-        return tuple((kept > low).sum() / (roots.elevation > low).sum() for low in (0.95, -9.0))  # type: ignore[return-value]
+        return tuple((kept > low).sum() / (roots.elevation > low).sum() for low in (0.95, -9.0))
 
     assert left(1, 0)[0] > 0.5 and left(0, 1)[0] > 0.3
     top, whole = left(1, 1)
