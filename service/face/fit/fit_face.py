@@ -109,6 +109,7 @@ def _refined(
     dense = [None if sight.found is None else DenseTerms(head, sight.found) for sight in sights]
     soft = [Softened.around(*photo, state, vertices_at(state)) for photo, state in zip(photos, states, strict=True)]
     contour, (lower, upper) = OutlineFinder(head), bounds(model)
+    skull = OutlineFinder(head, "scalp") if "scalp" in head.region_names else None
     plain = np.arange(model.shape_count) < components
     damping = Damping()
     # Further rounds, of several photos, with the spots that these have in common.
@@ -135,7 +136,10 @@ def _refined(
                 own.append(read.points(state))
                 own += [read.normals(state, shape)] if normals and squarely > HARDLY else []
             outline = contour.term(soft[k], photos[k][1], state, shape, reach)
-            terms.append([*own, *([] if outline is None else [outline]), *spots[k]])
+            end = None
+            if read is not None and skull is not None and sight.view.reading is not None:
+                end = skull.crown_term(sight.view.reading, sight.view.photo.size, state, shape)
+            terms.append([*own, *(term for term in (outline, end) if term is not None), *spots[k]])
         states = minimise(
             states, terms, shared=identity_of(model), lower=lower, upper=upper, damping=damping, steps=STEPS,
             active=np.ones(POSE + model.shape_count, bool),

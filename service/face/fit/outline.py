@@ -17,6 +17,8 @@ from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, UInt8
 from service.colour import srgb_to_linear
 from service.face.fit.landmark_fit import facing, linear_points
 from service.face.fit.solver import PointTerm, State, project_points
+from service.face.reading.part_labels import BACKGROUND, SKIN
+from service.face.reading.reader import Reading, parts_at_pixels
 from service.geometry.mesh import vertex_normals
 from service.head.model import HeadModel
 from service.light.formulas import estimate_light
@@ -120,6 +122,8 @@ def light_on_face(head: HeadModel, state: State, vertices: Float64, pixels: UInt
     return estimate_light(normals[used] @ state.rotation.T, colour, weight[used])
 
 
+CROWN_REACH_M, CROWN_SIGMA_M = 0.04, 0.003
+"""Half length of the lines on which the end of the skull is searched, and standard deviation of what is found, metres."""
 SAMPLES = 25
 """Samples along each search line, odd."""
 
@@ -140,9 +144,9 @@ class Outline:
 
 
 class OutlineFinder:
-    """Finds the occluding contour among the mesh edges of the face region, and its edges in the photo."""
+    """Finds the occluding contour among the mesh edges of a region, the face or the scalp, and its place in the photo."""
 
-    def __init__(self, head: HeadModel) -> None:
+    def __init__(self, head: HeadModel, region: str = "face") -> None:
         self.head = head
         skin = np.flatnonzero(head.triangle_part == head.part_names.index("skin"))
         corners = head.triangles[skin]
@@ -153,8 +157,8 @@ class OutlineFinder:
         pair = np.flatnonzero((sides[1:] == sides[:-1]).all(1))
         self.edges = sides[pair]
         self.sides = np.stack([owner[pair], owner[pair + 1]], 1)
-        face = head.region("face")[self.edges].min(1) > 0.5
-        self.edges, self.sides = self.edges[face], self.sides[face]
+        within = head.region(region)[self.edges].min(1) > 0.5
+        self.edges, self.sides = self.edges[within], self.sides[within]
         self.triangles = head.triangles
 
     def find(self, state: State, vertices: Float64) -> Outline:
@@ -219,3 +223,41 @@ class OutlineFinder:
         target = outline.uv + shift[:, None] * outline.normal
         # Weight of one contour point: neighbours see the same edge.
         return PointTerm(mean, modes, target, 0.1 * weight / max(sigma, 1e-9) ** 2, outline.normal)
+
+    def crown_term(
+        self, reading: Reading, size: tuple[int, int], state: State, vertices: Float64
+    ) -> PointTerm | None:
+        """Residuals between the contour and the border of what a reading calls the background, along its normals.
+
+        Hair stands off the skull, so the skull ends where the background begins or within it; where bald skin borders
+        the background it ends there.
+
+        Args:
+            reading: of the photo.
+            size: (width, height) of the photo.
+            state: current pose and coefficients of all of the head's identity and expression.
+            vertices: (V, 3) metres at that state.
+
+        Returns:
+            The term, or None where the contour neither reaches into the background nor ends at bald skin.
+        """
+        outline = self.find(state, vertices)
+        if not len(outline.uv):
+            return None
+        offset = np.linspace(-1.0, 1.0, SAMPLES) * CROWN_REACH_M * state.scale
+        at = outline.uv[:, None] + offset[None, :, None] * outline.normal[:, None] + np.array(size) / 2
+        parts = parts_at_pixels(reading, at.reshape(-1, 2)).reshape(*at.shape[:2], -1)
+        inside = ((at >= 0) & (at < size)).all(-1)
+        empty = (parts[..., BACKGROUND] > 0.5) & inside
+        first = np.where(empty.any(1), empty.argmax(1), 0)
+        here, sample = SAMPLES // 2, np.arange(SAMPLES)
+        between = (sample >= here) & (sample < first[:, None])
+        bare = ((parts[..., SKIN] > 0.5) | ~between).all(1)
+        used = (first > 0) & (inside | (sample > first[:, None])).all(1) & ((first <= here) | bare)
+        if not used.any():
+            return None
+        edges, normal = outline.vertices[used], outline.normal[used]
+        mean, modes = linear_points(self.head, edges, np.full(edges.shape, 0.5))
+        target = outline.uv[used] + offset[first[used], None] * normal
+        sigma = CROWN_SIGMA_M * state.scale
+        return PointTerm(mean, modes, target, np.full(len(edges), 0.1 / max(sigma, 1e-9) ** 2), normal)
