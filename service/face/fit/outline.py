@@ -122,7 +122,7 @@ def light_on_face(head: HeadModel, state: State, vertices: Float64, pixels: UInt
     return estimate_light(normals[used] @ state.rotation.T, colour, weight[used])
 
 
-CROWN_REACH_M, CROWN_SIGMA_M = 0.04, 0.003
+CROWN_REACH_M, CROWN_SIGMA_M = 0.04, 0.0015
 """Half length of the lines on which the end of the skull is searched, and standard deviation of what is found, metres."""
 SAMPLES = 25
 """Samples along each search line, odd."""
