@@ -1,8 +1,8 @@
 """Fit the head model to photos of one person and what was found in them.
 
 Stage B refines the landmark fit by what the photos show at their pixels. Poses, expressions, identity and free form are
-solved together, on landmarks, outline and, where a photo was read, places, normals and the end of the skull; every round
-weighs them anew at the state that the round before has found.
+solved together, on landmarks, outline and, where a photo was read, places, normals and the end of the skull; every
+round weighs them anew at the state that the round before has found.
 """
 
 from __future__ import annotations

@@ -123,7 +123,7 @@ def light_on_face(head: HeadModel, state: State, vertices: Float64, pixels: UInt
 
 
 CROWN_REACH_M, CROWN_SIGMA_M = 0.04, 0.0015
-"""Half length of the lines on which the end of the skull is searched, and standard deviation of what is found, metres."""
+"""Half length of the lines on which the end of the skull is searched, and standard deviation of what is found, m."""
 SAMPLES = 25
 """Samples along each search line, odd."""
 
@@ -144,7 +144,7 @@ class Outline:
 
 
 class OutlineFinder:
-    """Finds the occluding contour among the mesh edges of a region, the face or the scalp, and its place in the photo."""
+    """Finds the occluding contour among the mesh edges of the face or the scalp, and where it belongs in the photo."""
 
     def __init__(self, head: HeadModel, region: str = "face") -> None:
         self.head = head
