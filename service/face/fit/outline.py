@@ -122,7 +122,7 @@ def light_on_face(head: HeadModel, state: State, vertices: Float64, pixels: UInt
     return estimate_light(normals[used] @ state.rotation.T, colour, weight[used])
 
 
-CROWN_REACH_M, CROWN_SIGMA_M = 0.04, 0.0015
+CROWN_REACH_M, CROWN_SIGMA_M = 0.04, 0.0025
 """Half length of the lines on which the end of the skull is searched, and standard deviation of what is found, m."""
 SAMPLES = 25
 """Samples along each search line, odd."""
@@ -247,7 +247,8 @@ class OutlineFinder:
         offset = np.linspace(-1.0, 1.0, SAMPLES) * CROWN_REACH_M * state.scale
         at = outline.uv[:, None] + offset[None, :, None] * outline.normal[:, None] + np.array(size) / 2
         parts = parts_at_pixels(reading, at.reshape(-1, 2)).reshape(*at.shape[:2], -1)
-        inside = ((at >= 0) & (at < size)).all(-1)
+        crop = (reading.around or reading).region.to_crop(at.reshape(-1, 2), 1).reshape(at.shape)
+        inside = ((at >= 0) & (at < size) & (crop > 0) & (crop < 1)).all(-1)
         empty = (parts[..., BACKGROUND] > 0.5) & inside
         first = np.where(empty.any(1), empty.argmax(1), 0)
         here, sample = SAMPLES // 2, np.arange(SAMPLES)

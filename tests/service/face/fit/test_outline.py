@@ -15,13 +15,14 @@ SIZE, SCALE = (600, 600), 1800.0
 STATE = State(np.diag([1.0, -1.0, -1.0]), np.zeros(2), float(np.log(SCALE)), float(np.log(3.0)), np.zeros(0))
 
 
-def reading(top: float, shown: int) -> Reading:
-    """One that calls everything ``shown`` but what lies higher than a row of the photo: that is background."""
+def reading(top: float, shown: int, begins: float = 0.0) -> Reading:
+    """One that calls all below a row ``begins`` of the photo ``shown``, but what is higher than ``top``: background."""
     parts = np.zeros((PART_CELLS, PART_CELLS, len(PARTS)), np.float32)
-    above = (np.arange(PART_CELLS) + 0.5) * SIZE[1] / PART_CELLS < top
+    side = SIZE[1] - begins
+    above = begins + (np.arange(PART_CELLS) + 0.5) * side / PART_CELLS < top
     parts[above, :, BACKGROUND], parts[~above, :, shown] = 1.0, 1.0
     grid, vectors = np.full((CELLS, CELLS), 0.4), np.tile([0.0, 0.0, -1.0], (CELLS, CELLS, 1))
-    return Reading(Region(SIZE[0] / 2, SIZE[1] / 2, SIZE[0]), vectors[..., :2], grid, vectors, grid, parts)
+    return Reading(Region(SIZE[0] / 2, begins + side / 2, side), vectors[..., :2], grid, vectors, grid, parts)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,8 @@ def test_a_skull_ends_in_hair_or_at_bald_skin(
 
 
 def test_what_the_photo_does_not_show_tells_no_end(head: HeadModel, skull: OutlineFinder) -> None:
-    """A photo that cuts the head off calls what lies beyond its border background."""
+    """What lies beyond the photo, or beyond what was read of it, counts as background elsewhere."""
     vertices = head.mean.astype(np.float64)
+    assert skull.crown_term(reading(0.0, HAIR, top_of(skull, vertices) + 20), SIZE, STATE, vertices) is None
     above = STATE.stepped(np.r_[np.zeros(4), -(top_of(skull, vertices) + 20) / SCALE, np.zeros(2)])
     assert skull.crown_term(reading(0.0, HAIR), SIZE, above, vertices) is None
