@@ -27,7 +27,7 @@ from service.jobs.erasure import checkpoint, let_go
 from service.jobs.store import Row
 from service.jobs.webhooks import target
 from service.photo.bundle import unbundled
-from service.photo.gate import check_photo
+from service.photo.gate import check_photo, expect_photo
 from service.photo.video import is_video
 
 T = TypeVar("T")
@@ -94,6 +94,7 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
         share = await run_in_threadpool(_of_each, upload, lambda photo: cost(photo, context.limits))
         async with context.decoding.taken(max(share, default=FIXED), tenant.name):
             await run_in_threadpool(_of_each, upload, lambda photo: check_photo(photo, context.limits))
+            await run_in_threadpool(expect_photo)
     except UnreadableInput:
         if tenant.per_day is not None:
             await run_in_threadpool(count_refusal, context.engine, tenant.name)

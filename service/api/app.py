@@ -19,6 +19,7 @@ from service.api.context import Context
 from service.api.front import Front, Heads, no_strange_parameters
 from service.api.openapi import described
 from service.jobs.settings import Settings
+from service.photo.gate import expect_photo
 
 PAGE = Path(__file__).parents[1] / "web" / "static"
 """Folder of the page at ``/``."""
@@ -36,6 +37,7 @@ def create_app(settings: Settings, page: Path = PAGE) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         context = await run_in_threadpool(Context, settings)
         app.state.context = context
+        await run_in_threadpool(expect_photo)
         try:
             yield
         finally:

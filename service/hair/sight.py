@@ -145,9 +145,9 @@ class Sight:
 
     def visible(self, at: Float32, depth: Float32) -> tuple[tuple[Int64, Int64], Bool]:
         """Row and column of projected points, confined to the square, and whether they lie in it before the head."""
-        inside = ((at >= 0) & (at < CELLS)).all(-1)
-        cell = np.clip(at, 0, CELLS - 1).astype(np.int64)
-        rows, columns = cell[..., 1], cell[..., 0]
+        across, down = at[..., 0], at[..., 1]
+        inside = (across >= 0) & (across < CELLS) & (down >= 0) & (down < CELLS)
+        rows, columns = (np.clip(each, 0, CELLS - 1).astype(np.int64) for each in (down, across))
         return (rows, columns), np.asarray(inside & (depth < self.behind[rows, columns] + BEFORE_M))
 
     def read(self, values: Float32, points: AnyFloat) -> tuple[Float32, Bool]:
@@ -161,15 +161,16 @@ class Sight:
             return Drawn(np.zeros((CELLS, CELLS), np.float32), np.zeros((CELLS, CELLS, 2), np.float32))
         at, depth = self.project(strands)
         run = np.diff(at, axis=1)
-        length = np.linalg.norm(run, axis=2)
+        length = np.sqrt(run[..., 0] * run[..., 0] + run[..., 1] * run[..., 1])
         pieces = int(np.clip(np.ceil(np.quantile(length, 0.99)), 1, 8))
         share = ((np.arange(pieces) + 0.5) / pieces).astype(np.float32)[:, None, None]
         samples = at[:, :-1] + share[..., None] * run
         deep = depth[:, :-1] + share * np.diff(depth, axis=1)
         (rows, columns), seen = self.visible(samples, deep)
-        flat = (rows * CELLS + columns)[seen]
+        place = np.flatnonzero(seen)
+        flat, piece = (rows * CELLS + columns).ravel()[place], place % length.size
         sums = [
-            np.bincount(flat, np.broadcast_to(row / pieces, seen.shape)[seen], CELLS * CELLS).reshape(CELLS, CELLS)
+            np.bincount(flat, (row / pieces).ravel()[piece], CELLS * CELLS).reshape(CELLS, CELLS)
             for row in (length, run[..., 0], run[..., 1])
         ]
         dense = blurred(np.stack(sums, -1).astype(np.float32), SOFT_CELLS)

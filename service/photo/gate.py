@@ -173,10 +173,13 @@ _AHEAD: list[Begun] = []
 def expect_photo() -> None:
     """Start the process that decodes the next photo, unless it is HEIC; it waits for the photo, its libraries loaded.
 
+    One waits at a time.
+
     Raises:
         AvatarError: it could not be started.
     """
-    _AHEAD.append(_decoder(Codec.JPEG))
+    if not _AHEAD:
+        _AHEAD.append(_decoder(Codec.JPEG))
 
 
 def _decoder(codec: Codec) -> Begun:

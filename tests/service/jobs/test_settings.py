@@ -1,11 +1,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
 from service.errors import UsageError
+from service.jobs.runner import Runner
 from service.jobs.settings import Settings, from_environment, from_json
+from service.jobs.workflow import of_jobs
 
 
 def test_a_flag_beats_the_environment_and_that_the_default() -> None:
@@ -39,3 +43,11 @@ def test_the_password_of_a_database_is_in_no_message() -> None:
     with pytest.raises(UsageError, match="AVATARME_DATABASE has to be") as refused:
         from_environment({}, {"AVATARME_DATABASE": "postgres://me:secret@host/x"})
     assert "secret" not in refused.value.message
+
+
+@pytest.mark.parametrize(("database", "photos"), [("", 0.2), ("postgresql://host/x", 0.5)])
+def test_photos_wait_less_where_nobody_else_asks_the_database(database: str, photos: float, tmp_path: Path) -> None:
+    """Would break: a sixth of a second of each draft over HTTP, or many workers that ask one Postgres all the time."""
+    settings = Settings(data=tmp_path, database=database)
+    queues = of_jobs(cast(Runner, SimpleNamespace(settings=settings))).queues
+    assert [queues[name]["polling_interval_sec"] for name in ("avatars", "renders")] == [photos, 2.0]

@@ -358,6 +358,7 @@ def test_broken_profile_is_ignored_with_a_warning(profile: bytes) -> None:
 @pytest.mark.parametrize("killed", [False, True])
 def test_a_process_that_was_started_ahead_decodes_one_photo(killed: bool) -> None:
     gate.expect_photo()
+    gate.expect_photo()  # one waits at a time: a server asks after each photo
     ((process, _),) = gate._AHEAD
     if killed:
         process.kill()
