@@ -14,6 +14,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from models.hair.random_styles import sample_style
 from service.hair.bank import kind_of, match, read_bank
 from service.hair.choose import across, choose
 from service.hair.find_hair import STRANDS_A_TRIAL
@@ -21,7 +22,6 @@ from service.hair.kinds import KINDS, ends_m, kinds_of
 from service.hair.scalp import Scalp
 from service.hair.shape import fitted
 from service.hair.sight import Sight, overlap
-from service.hair.style import sample_style
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.image_filters import blurred

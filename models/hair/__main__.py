@@ -10,8 +10,9 @@ import cv2
 import typer
 
 from models.hair.draw import sheet
+from models.hair.random_styles import sample_style
 from service.hair.groom import make_groom
-from service.hair.style import NAMED, sample_style
+from service.hair.style import NAMED
 from service.head.files import load_head
 
 app = typer.Typer(add_completion=False)

@@ -9,12 +9,13 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from models.hair.random_styles import sample_style
 from service.arrays import Float32, UInt8
 from service.hair.bank import CELLS, FILE, VIEWS, view_sight
 from service.hair.groom import make_groom
 from service.hair.kinds import KINDS, ends_m, kinds_of
 from service.hair.sight import Sight
-from service.hair.style import NAMED, sample_style, style_to_json
+from service.hair.style import NAMED, style_to_json
 from service.head.files import load_head
 
 STRANDS = 700

@@ -18,13 +18,14 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
 from models.hair.draw import transmitted
+from models.hair.random_styles import sample_melanin, sample_style
 from models.lightstage.skin.streams import Stream
 from models.people.light import DIRECTIONS, Light
 from models.people.person import Person, the_head
 from models.people.skins import Skin
 from service.hair.colour import HairColour, absorption_of
 from service.hair.groom import Groom, make_groom
-from service.hair.style import Parting, Style, sample_melanin, sample_style
+from service.hair.style import Parting, Style
 from service.light.environment import flux_by_direction, spread_directions
 
 Float = npt.NDArray[np.float32]

@@ -198,7 +198,7 @@ class Ribbons:
         before = ((own[:, 0] - line[label, 0]) * first[label]).sum(1, keepdims=True)
         reach = np.sqrt(3 * _means(label, before**2, len(number)))
         line[:, 0] -= first * (reach + BEFORE_M * ~on_hairline(line[:, 0])[:, None])
-        line[:, 1:] = scalp.pushed(line[:, 1:], OFF_M, 2 * OFF_M)
+        line[:, 1:] = scalp.over_ears.pushed(line[:, 1:], OFF_M, 2 * OFF_M)
         line[:, 0] -= (scalp.outside(line[:, 0]) - 2 * CAP_M)[:, None] * scalp.outwards(line[:, 0])
         across = facing(line, body.outwards(line), rng)
         offset = ((own - line[label]) * across[label]).sum(2)

@@ -156,7 +156,7 @@ def _longer(style: Style, asked: AskedHair) -> Style:
 def _on_scalp(sight: Sight, skin: Scalp) -> tuple[float, float]:
     """Shares of the scalp before the camera: where hair is of what is known, and what the photo shows."""
     cell, seen = sight.visible(*sight.project(skin.even.position))
-    facing = sight.faces(skin.even) > 0
+    facing = sight.facing(skin.even) > 0
     hair, known, shown = (float((one[cell] * (seen & facing)).sum()) for one in (sight.hair, sight.known, sight.shown))
     return hair / max(known, 1e-6), shown / max(float(facing.sum()), 1.0)
 

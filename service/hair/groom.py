@@ -101,7 +101,7 @@ def make_groom(
     points, lock, guide = _between(style, guide_roots, guides, roots, skin, rng)
     points = _curled(style, points, lock, rng)
     points = _wandering(style, points, rng)
-    inner = skin.pushed(points[:, 1:], CLEARANCE_M, SHOVED_M)
+    inner = skin.over_ears.pushed(points[:, 1:], CLEARANCE_M, SHOVED_M)
     points = np.concatenate([points[:, :1], inner], 1).astype(np.float32)
     return Groom(style, points, roots.uv, lock, guide, guides, HairColour.of(style.melanin, len(points), rng))
 

@@ -27,6 +27,9 @@ LIGHT_CELLS = 7.0
 """Standard deviation of the blur that tells the photo's light on the hair, cells: 27 mm."""
 LIGHT_TAKEN = 0.75
 """Power of that light that is taken out: the rest may be a fringe that is fairer."""
+BLACK = 0.0035
+"""Linear value of the brightest channel up to which a photo's shadow is crushed to black, whatever hair lies in it
+(code 11 of 255)."""
 RANKS = (0.06, 0.94)
 """Ranks of brightness beyond which pixels are gaps and background, or mirror a lamp."""
 MOST_STEEP = 0.8
@@ -60,7 +63,7 @@ def painted(photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, 
     pixels = bytes_to_linear(sight.region.cut(photo.pixels, PIXELS))
     grown = np.kron(np.asarray(blurred(sight.hair, 0.8) > 0.75, np.float32), np.ones((3, 3), np.float32))
     bright = np.log(np.maximum(luma(pixels), 1e-4))
-    inner = (grown > 0.5) & (pixels.max(-1) < 0.98)
+    inner = (grown > 0.5) & (pixels.max(-1) < 0.98) & (pixels.max(-1) > BLACK)
     if int(inner.sum()) < LEAST_PIXELS:
         return _guessed(guess, count, rng)
     low, high = np.quantile(bright[inner], RANKS)
@@ -76,7 +79,8 @@ def painted(photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, 
     level = _levels(strands, seen, sight, flat, weight, float(flat[inner].mean()), rng)
     level -= np.median(level)
     level *= np.clip(CONTRAST * float(flat[inner].std()) / max(float(level.std()), 1e-3), 1, 2)
-    level = np.clip(level + float(np.median(bright[inner])), low, high)
+    # As much light comes off all of them as off the hair in the photo.
+    level = np.clip(level + np.log(float(np.exp(bright[inner]).mean()) / float(np.exp(level).mean())), low, high)
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
     return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))))
 

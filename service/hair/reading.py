@@ -179,7 +179,10 @@ def read_hair(pixels: UInt8, reading: Reading, network: HairNetwork | None = Non
 
 WITNESS_HAIR, WITNESS_SKIN, LEAST_OWN = (0.4, 0.8), (0.7, 1.0), 0.1
 """Probabilities of hair and of skin by the reader of faces from which on it counts and up to which it counts in full,
-and the network's own below which there is no hair whatever that one says."""
+and the network's own below which it is not believed."""
+UNDECIDED = .37
+"""Probability of hair where only the reader of faces sees any, as on a dark crown before a dark wall: neither grown to
+nor cut."""
 
 
 def together(own: Float32, parts: Float32) -> Float32:
@@ -192,5 +195,6 @@ def together(own: Float32, parts: Float32) -> Float32:
         own: (H, W) in [0, 1], the network's.
         parts: (H, W, 13) probabilities of the parts.
     """
-    both = np.where(own > LEAST_OWN, np.maximum(own, ramp(parts[..., HAIR], WITNESS_HAIR)), own)
+    most = np.where(own > LEAST_OWN, 1.0, UNDECIDED)
+    both = np.maximum(own, most * ramp(parts[..., HAIR], WITNESS_HAIR))
     return np.asarray(both * (1 - ramp(parts[..., SKIN], WITNESS_SKIN)), np.float32)

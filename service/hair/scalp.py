@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -36,6 +36,10 @@ BAND = 2.5
 """Cells from the surface up to which distances are exact."""
 DEEPEST_M = 0.11
 """No point in a head is farther from its skin; a rim that is seen from below has no inside."""
+EAR_M = 0.0025
+"""Radius of the balls that stand for the ears where hair that is grown and fitted lies over them."""
+NEAR_EAR_M = 0.06
+"""Half the side of a square with an ear."""
 SPACING_M = 0.004
 """Distance between the points that stand for the skin when distances are measured."""
 
@@ -138,6 +142,7 @@ class Scalp:
         grows: (T, 3) float32 in [0, 1] at their corners: 1 on the scalp, 0 on bare skin.
         uv: (T, 3, 2) float32 in [0, 1], of the corners on the head's chart.
         distance: metres from head and shoulders, negative inside.
+        ears: (E, 3) float32 metres, vertices of the ears.
     """
 
     corners: Float32
@@ -145,6 +150,7 @@ class Scalp:
     grows: Float32
     uv: Float32
     distance: Field
+    ears: Float32
 
     @classmethod
     def of(cls, head: HeadModel, vertices: AnyFloat | None = None) -> Scalp:
@@ -163,7 +169,8 @@ class Scalp:
         own, uv = skin[grows], head.uv[head.triangle_uv[of_skin][grows]]
         hidden = np.maximum(head.region("mouth_inner"), head.region("eye_socket"))
         outer = skin[(hidden[skin] < 0.5).all(1)]
-        return cls(points[own], normal[own], mask[own].astype(np.float32), uv, Field(_distances(points[outer])))
+        ears = points[np.maximum(head.region("ear_left"), head.region("ear_right")) > 0.5]
+        return cls(points[own], normal[own], mask[own].astype(np.float32), uv, Field(_distances(points[outer])), ears)
 
     def roots(self, count: int, rng: np.random.Generator, least: float = EDGE) -> Roots:
         """``count`` roots where hair grows, in random order: more where the mask is surer, none below ``least`` of it.
@@ -211,6 +218,16 @@ class Scalp:
             chosen[i] = int(apart.argmax())
         return roots.chosen(chosen)
 
+    @cached_property
+    def over_ears(self) -> Scalp:
+        """The same with a ball round each vertex of the ears: thinner than a cell, their tips came through hair."""
+        cells = _cells().reshape(-1, 3)
+        beside = np.flatnonzero((np.abs(cells[:, 1:] - self.ears[:, 1:].mean(0)) < NEAR_EAR_M).all(1))
+        apart = cKDTree(self.ears).query(cells[beside], distance_upper_bound=NEAR_EAR_M)[0]
+        distance = self.distance.values.copy()
+        distance.flat[beside] = np.minimum(distance.flat[beside], apart - EAR_M)
+        return replace(self, distance=Field(distance))
+
     def outside(self, points: Float32) -> Float32:
         """(...) float32 metres from points (..., 3) to the body, negative inside; beyond the grid its border's."""
         return self.distance.read(points)
@@ -255,8 +272,7 @@ def unit(vectors: AnyFloat) -> Float32:
 def _distances(triangles: Float32) -> Float32:
     """Signed distances on the grid to triangles (T, 3, 3), whose fronts look outwards, and to the shoulders."""
     samples, normals = _dense(triangles)
-    axes = [np.arange(low, high, CELL_M, dtype=np.float32) for low, high in zip(LOW, HIGH, strict=True)]
-    cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
+    cells = _cells()
     shape = cells.shape[:3]
     place = np.rint((samples - _LOW) / np.float32(CELL_M)).astype(int)
     inside = ((place >= 0) & (place < shape)).all(1)
@@ -284,6 +300,12 @@ def _distances(triangles: Float32) -> Float32:
     scaled = np.linalg.norm((cells - middle) / radii, axis=-1)
     shoulders = (scaled - 1.0) * radii.min()
     return np.asarray(np.minimum(away, shoulders), np.float32)
+
+
+def _cells() -> Float32:
+    """(X, Y, Z, 3) metres, the points of the grid."""
+    axes = [np.arange(low, high, CELL_M, dtype=np.float32) for low, high in zip(LOW, HIGH, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1)
 
 
 def _dense(triangles: Float32) -> tuple[Float32, Float32]:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from service.arrays import Bool, Float32, Float64
 from service.hair.groom import Groom, make_groom
-from service.hair.guides import Combing, bridge, recedes, resampled
+from service.hair.guides import Combing, bridge, met, recedes, resampled
 from service.hair.reading import CELLS
 from service.hair.scalp import CENTRE, CROWN, Scalp, unit
 from service.hair.sight import Sight
@@ -155,6 +155,8 @@ TOP_DEG = 100.0
 """Angle from upwards up to which the outline is that of the skull's hair: the back is as full as it is there."""
 FRINGED = 0.04
 """Value of the head's soft mask of the scalp from which on hair may grow where the photo shows it."""
+BRIDGED = 0.5
+"""How bald a style is at a place from which on nothing is added there."""
 SURE = 0.7
 """How surely the photo has to show hair at a root beyond the usual hairline."""
 
@@ -165,8 +167,9 @@ def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generato
         return groom
     more = skin.roots(len(groom), rng, least=FRINGED)
     cell, seen = sight.visible(*sight.project(more.position))
-    facing = sight.faces(more) > 0.02
+    facing = sight.facing(more) > 0.02
     shown = (sight.hair[cell] > SURE) & (sight.known[cell] > SURE) & seen & facing
+    shown &= met(groom.style) * bridge(more) < BRIDGED  # a line of hair along the top of a bald head is its outline
     near = cKDTree(groom.strands[:, 0])
     apart = near.query(more.position)[0]
     # Where roots are as near as they are among themselves, hair grows already.
@@ -253,6 +256,8 @@ BENT = 2500
 """Most strands out of which the nearest is taken."""
 FARTHEST_CELLS = 14.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm."""
+OVER_M = 0.015
+"""How far above its own highest point a strand is bent at most."""
 STEEP_M = 0.015
 """Range of the skin's depth in a cell and its neighbours from which on it is steep."""
 OFF_M = (0.002, 0.008)
@@ -285,9 +290,9 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     apart, near = cKDTree(at.reshape(-1, 2)[own]).query(cells)
     near = own[near]
     column, row = cells.astype(int).T
-    # What would stand up alone is no hair that the photo shows there; the outline is moved as a whole.
-    at_root = strands[some[near // len(places)], 0]
-    stands = ~np.isfinite(sight.behind[row, column]) & (row < sight.project(at_root)[0][:, 1])
+    # A lock that is bent off the skull stands there alone; the outline is moved as a whole. Only what hangs is bent.
+    high = strands[some[near // len(places)], places[near % len(places)], 1] > HANGS_BELOW_M
+    stands = ~np.isfinite(sight.behind[row, column]) & high
     reached = (apart < FARTHEST_CELLS) & ~stands
     cells, near = cells[reached], near[reached]
     strand, place = some[near // len(places)], places[near % len(places)]
@@ -307,7 +312,9 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     ends = np.clip(place / (points - 1) * rng.uniform(1.0, 1.2, len(place)), 0, 1).astype(np.float32)
     bent = resampled(bent.astype(np.float32), ends, points)
     bent = np.concatenate([bent[:, :1], skin.pushed(bent[:, 1:], 0.0015)], 1)
-    return groom.joined(bent, groom.root_uv[strand], strand)
+    # Nor is hair combed over a bald head: a strand goes no higher than it went.
+    lower = (met(groom.style) == 0) | (bent[..., 1].max(1) < strands[strand, :, 1].max(1) + OVER_M)
+    return groom.joined(bent[lower], groom.root_uv[strand[lower]], strand[lower])
 
 
 SEEN_M = 0.015
@@ -333,14 +340,14 @@ of a place of which it has to tell."""
 
 
 def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
-    """The style without thinning that the photo does not show.
+    """The style without thinning, and without a second plait, that the photo does not show.
 
     It does not show how densely hair grows nor, from the front, whether the crown is bald, unless all before it is;
     where it shows hair at the temples, or a hat, that has not receded beside them either.
     """
     roots = skin.even
     cell, seen = sight.visible(*sight.project(roots.position))
-    shown = seen & (sight.faces(roots) > 0)
+    shown = seen & (sight.facing(roots) > 0)
     known, without = sight.known[cell], (sight.known * (1 - sight.hair))[cell]
 
     def bare(weight: Float32) -> float:
@@ -349,8 +356,29 @@ def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
         return float((weight * without).sum()) / told if told > LEAST_TOLD * max(whole, 1e-6) else 0.0
 
     temples, top = bare(recedes(roots) * shown), bare(bridge(roots) * shown)
+    style = _one_plait(style, sight)
     crown = style.crown if top > BALD_TOP or sight.visible(*sight.project(CROWN))[1] else 0.0
     return dataclasses.replace(style, density=1.0, crown=crown, receding=style.receding * min(temples / BALD_TOP, 1.0))
+
+
+SIDE_TIE_M = 0.075
+"""Distance from the middle of a plait that is tied at one side."""
+PLAIT_M, PLAITED = (0.05, 0.13, -0.2, -0.07), (0.05, 0.2)
+"""Where a plait hangs on either side, metres: nearest and farthest from the middle, lowest and highest; and the share
+of it with hair up to which no plait is seen on a side, and from which on one is."""
+
+
+def _one_plait(style: Style, sight: Sight) -> Style:
+    """One plait at the side on which the photo shows one, instead of two: what it does not show is no mirror image."""
+    if style.gather != "two_plaits":
+        return style
+    near, far, low, high = PLAIT_M
+    x, y = np.meshgrid(np.arange(near, far, 0.005), np.arange(low, high, 0.005))
+    sides = np.stack([np.stack([sign * x, y, np.full_like(x, -0.02)], -1) for sign in (1, -1)])
+    left, right = (sight.read(sight.hair, sides)[0] > 0.5).mean((1, 2))
+    if min(left, right) > PLAITED[0] or max(left, right) < PLAITED[1]:
+        return style
+    return dataclasses.replace(style, gather="plait", tie_x=float(np.sign(left - right)) * SIDE_TIE_M, parting="none")
 
 
 def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> tuple[Groom, Float32]:
@@ -374,6 +402,6 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
         groom = filled(groom, sight, skin, rng)
     moved, kept = trimmed(groom.strands, sight, skin, rng)
     kept |= ~bare_rooted(moved, sight)
-    moved = np.concatenate([moved[:, :1], skin.pushed(moved[:, 1:], 0.001, 0.01)], 1)
+    moved = np.concatenate([moved[:, :1], skin.over_ears.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)
     return groom, seen_share(groom.strands, sight)

@@ -14,7 +14,7 @@ from service.geometry.raster import rasterise
 from service.hair.guides import NAPE_M
 from service.hair.kinds import LENGTH_ENDS_M, LENGTHS
 from service.hair.reading import CELLS, HairReading
-from service.hair.scalp import Roots
+from service.hair.scalp import Roots, unit
 from service.head.model import HeadModel
 from service.image_filters import blurred, ramp
 
@@ -139,9 +139,9 @@ class Sight:
         told = dict(zip(LENGTHS, (chance / chance.sum()).tolist(), strict=True))
         return replace(reading, kinds={**reading.kinds, "length": told}, ends_m=(min(ends, lowest), doubt))
 
-    def faces(self, roots: Roots) -> Float32:
-        """(N,) metres from the tangent planes of roots to the camera: above 0 where the skin faces it."""
-        return np.asarray((roots.normal * (self.camera.centre - roots.position)).sum(1), np.float32)
+    def facing(self, roots: Roots) -> Float32:
+        """(N,) cosine between the skin's normal at roots and the way to the camera: above 0 where it faces it."""
+        return np.asarray((roots.normal * unit(self.camera.centre - roots.position)).sum(1), np.float32)
 
     def visible(self, at: Float32, depth: Float32) -> tuple[tuple[Int64, Int64], Bool]:
         """Row and column of projected points, confined to the square, and whether they lie in it before the head."""

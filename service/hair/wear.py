@@ -43,10 +43,11 @@ def hair_in_albedo(
     if groom is None or not hair.in_photo_light or not len(groom):
         return hair, parts
     seen = groom.colour.linear()
-    # Hair that is brown in the photo is no green hair: a hue that no melanin has is the light's, which need not be as
-    # coloured on the hair as on the face.
-    red, green, blue = np.median(seen.reshape(-1, 3), 0)
-    unlit_colour = as_absorbed(np.clip(seen * light, 1e-3, 0.9), dyed=not red >= green >= blue)
+    # Hair that is brown in the photo, or without its light, is neither green nor violet: a hue that no melanin has is
+    # the light's, which need not be as coloured on the hair as on the face.
+    usual = np.median(seen.reshape(-1, 3), 0)
+    brown = any(red >= green >= blue for red, green, blue in (usual, usual * light))
+    unlit_colour = as_absorbed(np.clip(seen * light, 1e-3, 0.9), dyed=not brown)
     made = replace(unlit_colour, measured=groom.colour.measured)
     before, after = (np.median(one.reshape(-1, 3), 0) for one in (seen, made.linear(KNOTS)))
     change = np.asarray(after / np.maximum(before, 1e-5), np.float32)

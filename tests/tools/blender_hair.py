@@ -5,6 +5,8 @@
 FILE is a GLB, a USD file or a kit's avatar.blend. OUT gets PNGs named front, left, three_quarter, back and top, none of
 them where SAMPLES is 0; and front_depth.npy and so on, (2, SIZE, SIZE) float32 metres along the view to the nearest
 card of hair and to the nearest of all else, infinite where there is none. Its cap and its single hairs are neither.
+And front_rays.npy and so on, (SIZE, SIZE, 2, 3) float32 metres in glTF's frame: where the camera is, and how far along
+each pixel's ray a metre of depth goes.
 """
 
 import math
@@ -52,6 +54,7 @@ def main() -> None:
             drawn(out / "depth.exr")
             planes.append(depth_in(out / "depth.exr"))
         np.save(out / f"{name}_depth.npy", np.stack(planes))
+        np.save(out / f"{name}_rays.npy", rays(view, size))
 
 
 def told_as_depth(scene: Any) -> None:
@@ -70,6 +73,16 @@ def told_as_depth(scene: Any) -> None:
             shader.inputs["Emission Strength"].default_value = 1
             seen = material.node_tree.nodes.new("ShaderNodeCameraData")
             links.new(seen.outputs["View Z Depth"], shader.inputs["Emission Color"])
+
+
+def rays(view: Any, size: int) -> Any:
+    """As of the head of this file."""
+    at = math.tan(view.data.angle / 2) * (2 * (np.arange(size) + 0.5) / size - 1)
+    x, y = np.meshgrid(at, -at)
+    world = np.array(view.matrix_world)
+    along = np.stack([x, y, np.full_like(x, -1.0)], -1) @ world[:3, :3].T
+    both = np.stack([np.broadcast_to(world[:3, 3], along.shape), along], 2)
+    return np.stack([both[..., 0], both[..., 2], -both[..., 1]], -1).astype(np.float32)
 
 
 def depth_in(path: Path) -> Any:

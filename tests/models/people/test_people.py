@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 pytest.importorskip("moderngl", reason="moderngl is not installed: pip install '.[train]'")
 
+from models.hair.random_styles import sample_style
 from models.people import shards, strands
 from models.people.cosmetics import EARRINGS, MADE_UP, earrings, make_up
 from models.people.draw import renderer
@@ -23,7 +24,7 @@ from service.errors import ModelFault
 from service.face.reading import part_labels as labels
 from service.geometry.chart import Chart
 from service.hair.groom import make_groom
-from service.hair.style import NAMED, sample_style
+from service.hair.style import NAMED
 
 pytestmark = pytest.mark.train
 

@@ -6,13 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
+from models.hair.random_styles import sample_style
 from service.colour import bytes_to_linear
 from service.geometry.mesh import face_normals
 from service.hair.atlas import Cells, cell_corners
 from service.hair.cards import CUTOFF, PARTS, Body, Budget, hair_parts
 from service.hair.groom import Groom, make_groom
 from service.hair.scalp import mean_scalp
-from service.hair.style import NAMED, sample_style
+from service.hair.style import NAMED
 from service.hair.wear import hair_in_albedo
 from service.hair.worn_hair import WornHair
 from service.materials.material import OwnMap

@@ -17,15 +17,16 @@ from service.hair.bank import kind_of, match, mirrored, read_bank
 from service.hair.choose import candidates
 from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
 from service.hair.find_hair import grow_hair, see_hair
+from service.hair.groom import make_groom
 from service.hair.kinds import LENGTHS
 from service.hair.paint import painted
 from service.hair.reading import CELLS
 from service.hair.scalp import Scalp
-from service.hair.shape import filled, fitted, seen_share, seen_thinning, trimmed
+from service.hair.shape import filled, fitted, seen_share, seen_thinning, to_hairline, trimmed
 from service.hair.sight import Sight, overlap
 from service.hair.style import LENGTHS as LENGTH_NAMES
 from service.hair.style import NAMED, style_to_json
-from service.hair.wear import hair_cards
+from service.hair.wear import hair_cards, hair_in_albedo
 from service.hair.worn_hair import WornHair
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -96,6 +97,43 @@ def test_what_fills_a_gap_neither_stands_up_nor_comes_through_the_head() -> None
     hair[top - 7 : top - 4, CELLS // 2 - 2 : CELLS // 2 + 2] = 1
     made = filled(seen.groom, dataclasses.replace(seen.sight, hair=hair), SKIN, np.random.default_rng(0))
     assert made.strands[..., 1].max() < seen.groom.strands[..., 1].max() + 0.012
+
+
+def test_a_lock_is_bent_neither_off_the_skull_nor_over_a_bald_one() -> None:
+    """Hair 20 mm above a bob, and on top of a horseshoe: strands stood there as horns, or were combed over."""
+    seen = photographed(NAMED["bob"], 3, HEAD)
+    hair = seen.sight.hair.copy()
+    top = int(np.argwhere(hair.max(1) > 0.7)[0, 0])
+    hair[top - 5 : top + 8, CELLS // 2 - 8 : CELLS // 2 + 8] = 1
+    made = filled(seen.groom, dataclasses.replace(seen.sight, hair=hair), SKIN, np.random.default_rng(0))
+    assert made.strands[..., 1].max() < seen.groom.strands[..., 1].max() + 0.003
+    horseshoe = dataclasses.replace(NAMED["side_part"], crown=1.0, receding=1.0, parting="none")
+    bald = photographed(horseshoe, 3, HEAD)
+    hair = bald.sight.hair.copy()
+    low = int(np.argwhere(np.isfinite(bald.sight.behind))[0, 0])
+    hair[low : low + 6, CELLS // 2 - 12 : CELLS // 2 + 12] = 1
+    rimmed, rng = dataclasses.replace(bald.sight, hair=hair), np.random.default_rng(0)
+    combed = filled(to_hairline(bald.groom, rimmed, SKIN, rng), rimmed, SKIN, rng)
+    assert combed.strands[..., 1].max() < bald.groom.strands[..., 1].max() + 0.03
+
+
+def test_a_plait_that_is_not_seen_is_no_mirror_image() -> None:
+    """Both sides are shown, one has a plait: the other got one as well. Where both have one, both stay."""
+    two = dataclasses.replace(NAMED["ponytail"], kind="two_plaits", gather="two_plaits", tie_y=-0.04)
+    seen = photographed(two, 3, HEAD)
+    assert seen_thinning(two, seen.sight, SKIN).gather == "two_plaits"
+    for side in (1, -1):
+        hidden = seen.sight.hair * ((np.arange(CELLS) < CELLS // 2) == (side < 0))
+        one = seen_thinning(two, dataclasses.replace(seen.sight, hair=hidden), SKIN)
+        assert one.gather == "plait" and np.sign(one.tie_x) == side
+        tail = make_groom(one, 0, 500).strands[:, -1]
+        assert (tail[:, 0] * side > 0.03).mean() > 0.95 and mirrored(one).tie_x == -one.tie_x
+
+
+def test_long_hair_covers_the_whole_ear() -> None:
+    """Tips of ears, thinner than the grid's cells, came through loose hair: 4 mm out of what strands kept clear of."""
+    ears = HEAD.mean[np.maximum(HEAD.region("ear_left"), HEAD.region("ear_right")) > 0.5].astype(np.float32)
+    assert SKIN.over_ears.outside(ears).max() < 0.002
 
 
 def test_no_crown_is_bald_that_the_photo_does_not_show() -> None:
@@ -171,6 +209,27 @@ def test_the_photos_colour_is_taken_without_its_light(name: str) -> None:
     left = linear[seen.groom.strands[:, -1, 0] > 0.05].mean(), linear[seen.groom.strands[:, -1, 0] < -0.05].mean()
     assert max(left) / min(left) < 1.45, "two and a half times before"
     assert found.measured and not found.dyed
+
+
+def test_shadow_that_is_crushed_to_black_is_no_black_hair() -> None:
+    """More than half of the auburn hair lies in it."""
+    seen = photographed(NAMED["bob"], 3, HEAD)
+    auburn = np.array([0.12, 0.04, 0.012], np.float32)
+    shade = np.broadcast_to(np.where(np.arange(112) % 5 < 3, 0.01, 1.0), (112, 112))
+    share = np.ones(len(seen.groom), np.float32)
+    found = painted(picture_of(auburn, shade), seen.sight, seen.groom.strands, share, USUAL_SKIN, 0)
+    red, _, blue = np.median(found.linear().reshape(-1, 3), 0)
+    assert red > 0.04 and red > 3 * blue
+
+
+def test_brown_hair_under_a_blue_sky_is_brown() -> None:
+    """As blue as it is green in the photo, brown without its light: it was taken for dyed, and came out blue."""
+    seen = photographed(NAMED["crop"], 3, HEAD, strands=50)
+    colour = as_absorbed(np.broadcast_to(np.array([0.058, 0.045, 0.047], np.float32), (len(seen.groom), KNOTS, 3)))
+    groom = dataclasses.replace(seen.groom, colour=colour)
+    worn = WornHair("auto", groom, "crop", {}, np.ones(len(groom), np.float32), in_photo_light=True)
+    made = hair_in_albedo(worn, (), np.array([1.72, 1.7, 1.49], np.float32))[0].groom
+    assert made is not None and not made.colour.dye.any()
 
 
 def test_black_hair_that_mirrors_the_sky_is_not_violet_and_blue_hair_stays_blue() -> None:

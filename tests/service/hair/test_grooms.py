@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from models.hair.draw import draw, facing
+from models.hair.random_styles import sample_style
 from service.hair.colour import (
     EUMELANIN,
     KNOTS,
@@ -20,7 +21,7 @@ from service.hair.colour import (
 from service.hair.groom import make_groom
 from service.hair.guides import grown
 from service.hair.scalp import mean_scalp
-from service.hair.style import NAMED, WAVES, sample_style
+from service.hair.style import NAMED, WAVES
 from service.head.files import load_head
 
 COUNT = 600

@@ -14,6 +14,7 @@ from service.face.reading.reader import PART_CELLS, Readers, Reading, crop_of, r
 from service.face.region import Region
 from service.hair.kinds import KINDS
 from service.hair.reading import CELLS, SIDE, HairNetwork, read_hair, region_of, together
+from service.hair.sight import SHOWS
 from service.photo.gate import read_photo
 
 SAMPLE = Path(__file__).parents[3] / "service" / "data" / "sample" / "astronaut.png"
@@ -101,7 +102,9 @@ def test_where_the_reader_of_faces_is_sure_of_hair_or_skin_it_counts() -> None:
     parts[0, :2, HAIR], parts[0, 2, SKIN], parts[0, 3, BACKGROUND] = 0.95, 0.98, 1.0
     found = together(own, parts)[0]
     assert found[0] > 0.9 and found[2] < 0.1
-    np.testing.assert_array_equal(found[[1, 3]], own[0, [1, 3]])
+    assert found[3] == own[0, 3]
+    share = (found[1] - SHOWS[0]) / (SHOWS[1] - SHOWS[0])
+    assert 0.25 < share < 0.5, "what only the reader of faces sees is neither grown to nor cut: crowns became bald"
 
 
 def test_a_hat_hides_whether_there_is_hair() -> None:

@@ -17,9 +17,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import trimesh
+from scipy.spatial import cKDTree
 
 from service.archive.pack import write_archive
-from service.head.files import triangle_fields
+from service.head.files import load_head, triangle_fields
 from service.kits.export import blender, export_kit
 from service.reflectance.reflectance_maps import Wrinkle
 from tests.end_to_end.command import avatarme as main_of
@@ -144,14 +146,15 @@ def disc(width_mm: float) -> np.ndarray:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (int(width_mm / MM_A_PIXEL) | 1,) * 2)
 
 
-def gaps(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def gaps(depth: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Slits, what they lie in, and bare places that hair surrounds, masks (H, W); however light falls on the hair.
 
-    A slit is a narrow gap within hair through which one sees skin, nothing, or hair that lies much deeper than the
-    locks on both sides.
+    A slit is a narrow gap within hair through which one sees scalp, neck, nothing, or hair that lies much deeper than
+    the locks on both sides. Between the locks of a fringe one sees the face.
 
     Args:
         depth: (2, H, W) metres to the nearest card and to the nearest of all else, infinite where there is none.
+        face: (H, W) bool, where the nearest of all else is the face.
     """
     cards, rest = np.minimum(depth, 9.0).astype(np.float32)
     hair = (cards < 9) & (cards <= rest)
@@ -164,7 +167,7 @@ def gaps(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     inner, filled = (cv2.erode(one, disc(2 * RIM_MM)) > 0 for one in (whole, np.maximum(whole, around[1:-1, 1:-1])))
     inner &= surface < 9
     deep = np.minimum(cards, rest) - surface > DEEP_M
-    return inner & (~hair | deep), inner, filled & ~hair
+    return inner & (hair | ~face) & (~hair | deep), inner, filled & ~hair
 
 
 def test_a_gap_is_a_slit_if_it_is_narrow_and_deep() -> None:
@@ -176,8 +179,22 @@ def test_a_gap_is_a_slit_if_it_is_narrow_and_deep() -> None:
     whole[0, :, side // 2 :] += 0.015
     gap[0, 80:-80, side // 2 : side // 2 + 8] = np.inf
     deeper = np.where(np.isinf(gap), np.float32(1.21), gap)
-    for one, slits in ((whole, 0.0), (gap, 80.0), (deeper, 80.0)):
-        assert largest_mm2(gaps(one)[0]) == pytest.approx(slits, rel=0.05)
+    scalp, face = np.zeros((side, side), bool), np.ones((side, side), bool)
+    cases = (whole, scalp, 0), (gap, scalp, 80), (deeper, scalp, 80), (deeper, face, 80), (gap, face, 0)
+    for one, behind, slits in cases:
+        assert largest_mm2(gaps(one, behind)[0]) == pytest.approx(slits, rel=0.05)
+
+
+def on_face(glb: Path, points: np.ndarray) -> np.ndarray:
+    """(...) whether points (..., 3) in the frame of a head's GLB are nearest to its face, and not to scalp or neck."""
+    head = load_head()
+    scene: Any = trimesh.load(glb)
+    skin = scene.geometry["skin"]
+    vertex = np.zeros(len(head.uv), int)
+    vertex[head.triangle_uv] = head.triangles
+    near = cKDTree(head.uv).query(np.asarray(skin.visual.uv))[1]
+    nearest = cKDTree(skin.vertices).query(points)[1]
+    return np.asarray((np.maximum(head.region("face"), head.region("forehead"))[vertex[near]] > 0.5)[nearest])
 
 
 def test_hair_has_no_slit_and_no_hole(tmp_path: Path) -> None:
@@ -193,7 +210,10 @@ def test_hair_has_no_slit_and_no_hole(tmp_path: Path) -> None:
     for side in ("front", "three_quarter", "left", "back", "top"):
         depth = np.load(tmp_path / f"{side}_depth.npy")
         assert depth.shape == (2, PIXELS, PIXELS)
-        slits, inner, bare = gaps(depth)
+        away = np.where(np.isfinite(depth[1]), depth[1], 9.0)[..., None]
+        start, along = np.moveaxis(np.load(tmp_path / f"{side}_rays.npy"), 2, 0)
+        face = on_face(tmp_path / "mesh" / "head.glb", start + away * along) & np.isfinite(depth[1])
+        slits, inner, bare = gaps(depth, face)
         share = float(slits.sum() / inner.sum())
         slit, hole = largest_mm2(slits), largest_mm2(bare)
         logging.info("%s: largest slit %.1f mm2, slits %.4f of hair, hole %.1f mm2", side, slit, share, hole)
