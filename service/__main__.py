@@ -1,6 +1,6 @@
 """``python -m service`` is the command ``avatarme``."""
 
-from service.cli.app import main
+from service.cli.app import run
 
 if __name__ == "__main__":
-    main()
+    run()
