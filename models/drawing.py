@@ -9,6 +9,7 @@ store too, and a worker that dies is replaced. On each of several machines that 
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import json
 import sys
@@ -20,8 +21,9 @@ from service.batch.display import display
 from service.batch.driver import Wanted
 from service.batch.driver import run as run_batch
 from service.batch.plan import STATE
+from service.jobs.locks import FileLock
 from service.jobs.process import Reporter, Task
-from service.places import place
+from service.places import Place, place
 
 Order = Mapping[str, Any]
 
@@ -53,9 +55,16 @@ def draw_all(orders: Mapping[str, Order], out: str, *, jobs: int = 1, database: 
         Whether all files are there now.
 
     Raises:
-        UsageError, OutputFault: as ``service.batch.driver.run``.
+        UsageError, OutputFault: as ``service.batch.driver.run``; another process draws into the folder.
     """
     target = place(out)
+    with contextlib.ExitStack() as held:
+        if target.folder is not None and not database:  # the orders of one call are another's to delete
+            held.callback(FileLock(target.folder / STATE, "drawing").release)
+        return _drawn(orders, target, jobs, database)
+
+
+def _drawn(orders: Mapping[str, Order], target: Place, jobs: int, database: str) -> bool:
     there = {entry.name for entry in target.entries({SUFFIX})}
     wanted = {_order_name(name): order for name, order in orders.items() if name not in there}
     sys.stderr.write(f"{len(orders)} files, {len(orders) - len(wanted)} of them there already\n")
