@@ -11,12 +11,15 @@ import typer
 
 from models.hair.random_styles import sample_style
 from service.arrays import Float32, UInt8
-from service.hair.bank import CELLS, FILE, VIEWS, view_sight
+from service.face.region import Region
+from service.hair.bank import CELLS, FILE, VIEWS, view_camera
 from service.hair.groom import make_groom
 from service.hair.kinds import KINDS, ends_m, kinds_of
+from service.hair.reading import CELLS as PHOTO_CELLS
 from service.hair.sight import Sight
 from service.hair.style import NAMED, style_to_json
 from service.head.files import load_head
+from service.head.model import HeadModel
 
 STRANDS = 700
 """Strands of a groom that is drawn for the bank."""
@@ -29,6 +32,12 @@ def silhouettes(strands: Float32, sights: list[Sight]) -> UInt8:
     drawn = np.stack([sight.drawn(strands).mask for sight in sights])
     small = drawn.reshape(len(drawn), CELLS, drawn.shape[1] // CELLS, CELLS, -1).mean((2, 4))
     return np.packbits(small.reshape(len(drawn), -1) > 0.5, axis=1)
+
+
+def view_sight(head: HeadModel, yaw_deg: float, pitch_deg: float) -> Sight:
+    """The mean head in a view, without any hair."""
+    camera = view_camera(yaw_deg, pitch_deg)
+    return Sight.beside(head, head.mean, camera, Region(PHOTO_CELLS / 2, PHOTO_CELLS / 2, PHOTO_CELLS))
 
 
 def main(

@@ -26,7 +26,8 @@ from models.head.regions import build_regions, rigid_groups
 from models.head.sample import Population
 from models.head.settle import part_members, settle
 from models.head.source import UNIT_M, find_data, read_base
-from service.head.files import DEFAULT_HEAD, save_head, split_polygons, triangle_fields
+from models.head.writing import save_head
+from service.head.files import DEFAULT_HEAD, split_polygons, triangle_fields
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float64]

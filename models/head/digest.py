@@ -8,7 +8,8 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from service.head.files import DEFAULT_HEAD, load_head, save_head
+from models.head.writing import save_head
+from service.head.files import DEFAULT_HEAD, load_head
 from service.head.model import HeadModel
 
 BASE_NAME = "avatarme-cc0-head-2"

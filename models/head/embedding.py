@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.head.digest import write_digest
-from service.head.files import save_head
+from models.head.writing import save_head
 from service.head.model import HeadModel
 
 EMBEDDING_FILE = Path(__file__).resolve().parent / "landmarks.npz"

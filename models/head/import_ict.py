@@ -17,8 +17,9 @@ import numpy.typing as npt
 
 from models.head.expression import ARKIT
 from models.head.importing import Source, convert
+from models.head.writing import save_head
 from service.errors import ModelFault
-from service.head.files import load_head, save_head
+from service.head.files import load_head
 
 UNIT_M = 0.01
 MERGED = ("browInnerUp", "cheekPuff")

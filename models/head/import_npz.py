@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from models.head.importing import Source, convert
+from models.head.writing import save_head
 from service.errors import ModelFault
-from service.head.files import load_head, save_head
+from service.head.files import load_head
 
 NEEDED = ("neutral", "identity", "expression", "expression_names", "quads", "quads_uv", "uv", "eyes")
 

@@ -18,7 +18,6 @@ import numpy as np
 from service.arrays import Bool, Float32, Float64, Int64, UInt8
 from service.errors import ModelFault
 from service.face.fit.fit import Fit
-from service.face.region import Region
 from service.geometry.camera import Camera
 from service.geometry.sampling import sample_at
 from service.hair.kinds import KINDS
@@ -123,12 +122,6 @@ def view_camera(yaw_deg: float, pitch_deg: float) -> Camera:
     middle = np.array(MIDDLE)
     translation = np.array([0.0, 0.0, DISTANCE_M]) - rotation @ middle
     return Camera(PHOTO_CELLS, PHOTO_CELLS, focal, np.full(2, PHOTO_CELLS / 2), rotation, translation)
-
-
-def view_sight(head: HeadModel, yaw_deg: float, pitch_deg: float) -> Sight:
-    """The mean head in a view, without any hair."""
-    camera = view_camera(yaw_deg, pitch_deg)
-    return Sight.beside(head, head.mean, camera, Region(PHOTO_CELLS / 2, PHOTO_CELLS / 2, PHOTO_CELLS))
 
 
 @dataclass(frozen=True)

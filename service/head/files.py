@@ -1,8 +1,7 @@
-"""Reading and writing head model files (``docs/head-model.md``): one ``.npz`` without pickle, validated when read."""
+"""Reading head model files (``docs/head-model.md``): one ``.npz`` without pickle, validated when read."""
 
 from __future__ import annotations
 
-import io
 import json
 import zipfile
 from dataclasses import fields
@@ -19,8 +18,8 @@ from service.head.model import HeadModel
 FORMAT = 1
 DEFAULT_HEAD = Path(__file__).resolve().parent.parent / "data" / "head" / "head.npz"
 
-_TEXT = ("name", "licence", "expression_names", "part_names", "region_names")
-_HALF = ("identity", "expression", "regions")
+TEXT = ("name", "licence", "expression_names", "part_names", "region_names")
+HALF = ("identity", "expression", "regions")
 """Arrays that are stored as float16."""
 
 _ARRAYS: dict[str, tuple[type, tuple[str | int, ...]]] = {
@@ -35,7 +34,7 @@ _ARRAYS: dict[str, tuple[type, tuple[str | int, ...]]] = {
 }  # fmt: skip
 """Type and axes of every array: letters must agree everywhere (V vertices, K components, E units, Q polygons, U chart
 points ...)."""
-_STORED = [name for name in _ARRAYS if not name.startswith("triangle")]
+STORED = [name for name in _ARRAYS if not name.startswith("triangle")]
 """The others follow from the polygons."""
 _RANGES = {
     "polygons": "V", "polygon_uv": "U", "mirror": "V", "triangles": "V", "triangle_uv": "U", "landmark_triangle": "T",
@@ -47,30 +46,6 @@ def split_polygons(polygons: AnyInt) -> Int32:
     """(F, 4) polygons (-1 pads triangles), or (F, 3), -> (T, 3): corners 0, 1, 2 of all, then 0, 2, 3 of the quads."""
     quads = polygons[polygons[:, -1] >= 0] if polygons.shape[1] == 4 else polygons[:0]
     return np.concatenate([polygons[:, [0, 1, 2]], quads[:, [0, -2, -1]]]).astype(np.int32)
-
-
-def save_head(model: HeadModel, path: Path) -> None:
-    """Write a head model; the same model gives the same bytes.
-
-    Bases and regions are stored as float16 (a few micrometres at most), all else exactly.
-
-    Raises:
-        ModelFault: the model would not be accepted by ``load_head``.
-    """
-    _check(model, str(path))
-    header = {"format": FORMAT, **{key: getattr(model, key) for key in _TEXT}}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
-        _write(archive, "header", np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8))
-        for key in _STORED:
-            value = getattr(model, key)
-            _write(archive, key, value.astype(np.float16) if key in _HALF else value)
-
-
-def _write(archive: zipfile.ZipFile, key: str, value: npt.NDArray[Any]) -> None:
-    buffer = io.BytesIO()
-    np.lib.format.write_array(buffer, np.ascontiguousarray(value), version=(1, 0), allow_pickle=False)
-    archive.writestr(zipfile.ZipInfo(f"{key}.npy", date_time=(1980, 1, 1, 0, 0, 0)), buffer.getvalue())
 
 
 def load_head(path: Path | None = None) -> HeadModel:
@@ -88,15 +63,15 @@ def load_head(path: Path | None = None) -> HeadModel:
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as fault:
         raise ModelFault(f"head model {path} cannot be read: {fault}") from fault
     header = _header(raw, path)
-    missing = [key for key in _STORED if key not in raw]
+    missing = [key for key in STORED if key not in raw]
     if missing:
         raise ModelFault(f"head model {path} lacks {', '.join(missing)}")
     values: dict[str, Any] = {}
-    for key in _TEXT:
+    for key in TEXT:
         if key not in header:
             raise ModelFault(f"head model {path} has no {key}")
         values[key] = tuple(header[key]) if isinstance(header[key], list) else str(header[key])
-    for key in _STORED:
+    for key in STORED:
         kind = np.dtype(_ARRAYS[key][0])
         if raw[key].dtype.kind not in ("f" if kind.kind == "f" else "iu"):
             raise ModelFault(f"head model {path}: {key} has type {raw[key].dtype}")
@@ -107,7 +82,7 @@ def load_head(path: Path | None = None) -> HeadModel:
             raise ModelFault(f"head model {path}: {key} has shape {values[key].shape}, wanted {wanted}")
     values |= triangle_fields(values["polygons"], values["polygon_uv"], values["polygon_part"])
     model = HeadModel(**values)
-    _check(model, str(path))
+    check(model, str(path))
     return model
 
 
@@ -131,7 +106,7 @@ def _header(raw: dict[str, npt.NDArray[Any]], path: Path) -> dict[str, Any]:
     return header
 
 
-def _check(model: HeadModel, where: str) -> None:
+def check(model: HeadModel, where: str) -> None:
     """Raise ModelFault where arrays contradict each other, indices are out of range or values not finite."""
 
     def fault(text: str) -> ModelFault:

@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from models.head.writing import save_head
 from service.archive.avatar import Avatar
 from service.archive.pack import archive_members
 from service.errors import FaceCutOff, FaceTooSmall, NoFace
 from service.face.fit.landmark_fit import at_barycentric
 from service.geometry.chart import Chart
-from service.head.files import save_head
 from service.head.regions import vertex_mask
 from service.map_registry import SEEN
 from service.pipeline import make_avatar

@@ -15,13 +15,13 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
+from models.head.writing import save_head
 from service.archive.images import encode_png
 from service.archive.obj import obj_bytes, read_obj
 from service.archive.pack import archive_members
 from service.cli.app import app
 from service.errors import BadAspect, BadMesh
 from service.external import check_aspect, make_external, mesh_type, vertices_of
-from service.head.files import save_head
 from service.manifest import from_json, json_schema
 from service.options import Options
 from tests.toyhead import sphere_head

@@ -10,10 +10,11 @@ import pytest
 from models.head.import_npz import read_npz
 from models.head.importing import Source, convert
 from models.head.shoot import look_at
+from models.head.writing import save_head
 from service.errors import ModelFault
 from service.face.finder import Face
 from service.face.fit.fit_face import fit_face
-from service.head.files import load_head, save_head
+from service.head.files import load_head
 from service.photo.photo import Photo
 
 

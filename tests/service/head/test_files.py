@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.head.writing import save_head
 from service.errors import ModelFault
-from service.head.files import load_head, save_head, split_polygons
+from service.head.files import load_head, split_polygons
 from service.head.model import HeadModel
 from service.head.regions import OpeningEdges, lid_edges
 from tests.toyhead import sphere_head
