@@ -11,7 +11,7 @@ from models.colour import linear, srgb
 from models.training.albedo import log_light
 from models.training.regions import region_planes
 from models.training.tasks import uniform
-from service.face.features.eye_colours import BRIGHTEST_TOLD
+from service.face.features.eye_colours import BEST_LIT, BETWEEN_LIDS, SCLERA
 
 KNOWN = 0.7
 """Share of training charts with whites of the eyes to be seen, if the eyes are open."""
@@ -34,6 +34,9 @@ told was off by 0.67 in training, and the network heeded it by half."""
 EXPOSED = (-0.5, 0.6)
 """Mean and standard deviation of the log light on faces as photos expose them. Real photos have a
 median of -0.7 for the lids, and 0.45 for half of the middle two thirds; the rest of a face stands in 0.2 more."""
+
+BRIGHTEST_TOLD = float(BETWEEN_LIDS / BEST_LIT / SCLERA.mean())
+"""Mean light that a sclera tells which is just overexposed: it may be any more."""
 
 BRIGHTEST, DARKEST = 4.0, 1e-3
 """Log light, and light, beyond which an 8-bit texture tells nothing."""

@@ -32,8 +32,6 @@ TEMPLATE = np.array([[0.8596, 0.2135], [0.6461, 0.2290], [0.1206, 0.2137], [0.33
 """dlib's mean positions of eye corners (image-right outer, inner, image-left outer, inner) and nose base, box units."""
 TEMPLATE_LANDMARKS = (263, 362, 33, 133, 2)
 """Landmarks of the face mesh at the points of ``TEMPLATE``."""
-SAME_PERSON = 0.6
-"""Distance under which two photos show the same person, by dlib's own benchmark."""
 
 
 @dataclass(frozen=True)

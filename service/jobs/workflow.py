@@ -8,13 +8,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 from dbos import DBOS, DBOSConfig
 
 from service.jobs import webhooks
 from service.jobs.database import LINE, patient
-from service.jobs.kinds import AVATAR, KINDS, Kind
+from service.jobs.kinds import AVATAR, KINDS
 from service.jobs.queue import APPLICATION, MESSAGE, MESSAGES, VERSION, WORKFLOW, JsonSerializer
 from service.jobs.runner import Runner
 from service.jobs.settings import Settings
@@ -29,7 +30,7 @@ It can be that many: what a photo can do to its process does not reach the worke
 """
 
 OFTEN = 0.2
-"""Seconds between two looks for photos into a database that no other machine looks into."""
+"""Most seconds between two looks for photos into a database of this machine alone: one takes 1.5 ms."""
 
 MADE_AGAIN = 3
 """How often an archive may be lost between being made and being published."""
@@ -89,9 +90,11 @@ def launch(settings: Settings, *kinds: Workflows) -> None:
 def of_jobs(runner: Runner) -> Workflows:
     """Jobs of all kinds, and messages of their ends."""
     settings = runner.settings
+    pause = {AVATAR: OFTEN} if settings.database_url.startswith("sqlite") else {}
     queues: dict[str, dict[str, Any]] = {
         kind.place: {
-            "worker_concurrency": kind.most(settings), "polling_interval_sec": _pause(kind, settings),
+            "worker_concurrency": kind.most(settings),
+            "polling_interval_sec": min(kind.looks * settings.look_seconds, pause.get(kind, inf)),
         }
         for kind in KINDS.values()
         if kind.most(settings)
@@ -101,16 +104,6 @@ def of_jobs(runner: Runner) -> Workflows:
         more = {"partition_concurrency": 1, "polling_interval_sec": settings.look_seconds}
         queues[MESSAGES] = {"worker_concurrency": webhooks.SENDERS, **more}
     return Workflows(lambda: _register(runner), queues)
-
-
-def _pause(kind: Kind, settings: Settings) -> float:
-    """Seconds between two looks into the queue of a kind.
-
-    A look for photos into a database of this machine alone takes 1.5 ms of it and of nobody else.
-    """
-    pause = kind.looks * settings.look_seconds
-    alone = settings.database_url.startswith("sqlite") and kind is AVATAR
-    return min(pause, OFTEN) if alone else pause
 
 
 def _register(runner: Runner) -> None:

@@ -203,9 +203,6 @@ MOST_RAISED = 1.6
 OVEREXPOSED = 1.0 - LIT[0]
 """Share of the sclera's pixels that are overexposed from which all of its best lit part is, and no glint."""
 
-BRIGHTEST_TOLD = float(BETWEEN_LIDS / BEST_LIT / SCLERA.mean())
-"""Mean light that a sclera tells which is just overexposed: it may be any more."""
-
 
 def sclera_light(pixels: UInt8, iris: Iris) -> Float64 | None:
     """Light on the sclera of one eye.
