@@ -258,6 +258,10 @@ FARTHEST_CELLS = 14.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm."""
 OVER_M = 0.015
 """How far above its own highest point a strand is bent at most."""
+BEYOND_CELLS = 1.5
+"""Distance from the drawn strands from which on a lock that is bent off the skull would stand alone: 6 mm."""
+TEMPLE_M = 0.065
+"""Height up to which it may stand off by less than that."""
 STEEP_M = 0.015
 """Range of the skin's depth in a cell and its neighbours from which on it is steep."""
 OFF_M = (0.002, 0.008)
@@ -290,9 +294,10 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     apart, near = cKDTree(at.reshape(-1, 2)[own]).query(cells)
     near = own[near]
     column, row = cells.astype(int).T
-    # A lock that is bent off the skull stands there alone; the outline is moved as a whole. Only what hangs is bent.
-    high = strands[some[near // len(places)], places[near % len(places)], 1] > HANGS_BELOW_M
-    stands = ~np.isfinite(sight.behind[row, column]) & high
+    # A lock that is bent off the skull stands there alone: there, the outline is moved as a whole.
+    height = strands[some[near // len(places)], places[near % len(places)], 1]
+    most = np.where(apart > BEYOND_CELLS, HANGS_BELOW_M, TEMPLE_M)
+    stands = ~np.isfinite(sight.behind[row, column]) & (height > most)
     reached = (apart < FARTHEST_CELLS) & ~stands
     cells, near = cells[reached], near[reached]
     strand, place = some[near // len(places)], places[near % len(places)]
