@@ -39,7 +39,7 @@ CORE = ORDER["service"][: ORDER["service"].index("archive") + 1]
 
 _ABOVE_THE_CORE = {f"service.{room}" for room in ORDER["service"] if room not in CORE}
 
-ENGINE_OF_BATCHES = ("service.batch.", "service.jobs.process.")
+ENGINE_OF_BATCHES = ("service.batch.", "service.jobs.process.", "service.jobs.locks.")
 """What draws data for training too, for ``models/drawing.py`` alone."""
 
 FORBIDDEN = {
