@@ -6,6 +6,7 @@ It serves the built page, takes photos, moves a job through its stages on a cloc
 from __future__ import annotations
 
 import asyncio
+import io
 import json
 import mimetypes
 import socket
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import uvicorn
+from multipart import MultipartParser, parse_options_header
 from starlette.applications import Starlette
 from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
 from starlette.requests import Request
@@ -147,8 +149,9 @@ def application(fake: Fake) -> Starlette:
         return JSONResponse(fake.quality)
 
     async def post(request: Request) -> Response:
-        async with request.form() as form:
-            options, *photos = [await part.read() for _, part in form.multi_items() if not isinstance(part, str)]
+        _, given = parse_options_header(request.headers["content-type"])
+        parts = MultipartParser(io.BytesIO(await request.body()), given["boundary"])
+        options, *photos = [part.raw for part in parts if part.filename]
         if fake.refuse is not None:
             content, fake.refuse = fake.refuse, None
             return refused(content)
