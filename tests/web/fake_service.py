@@ -150,8 +150,10 @@ def application(fake: Fake) -> Starlette:
 
     async def post(request: Request) -> Response:
         _, given = parse_options_header(request.headers["content-type"])
-        parts = MultipartParser(io.BytesIO(await request.body()), given["boundary"])
+        parts = list(MultipartParser(io.BytesIO(await request.body()), given["boundary"]))
         options, *photos = [part.raw for part in parts if part.filename]
+        for part in parts:
+            part.close()
         if fake.refuse is not None:
             content, fake.refuse = fake.refuse, None
             return refused(content)
