@@ -345,7 +345,7 @@ of a place of which it has to tell."""
 
 
 def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
-    """The style without thinning, and without a second plait, that the photo does not show.
+    """The style without thinning that the photo does not show.
 
     It does not show how densely hair grows nor, from the front, whether the crown is bald, unless all before it is;
     where it shows hair at the temples, or a hat, that has not receded beside them either.
@@ -361,7 +361,6 @@ def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
         return float((weight * without).sum()) / told if told > LEAST_TOLD * max(whole, 1e-6) else 0.0
 
     temples, top = bare(recedes(roots) * shown), bare(bridge(roots) * shown)
-    style = _one_plait(style, sight)
     crown = style.crown if top > BALD_TOP or sight.visible(*sight.project(CROWN))[1] else 0.0
     return dataclasses.replace(style, density=1.0, crown=crown, receding=style.receding * min(temples / BALD_TOP, 1.0))
 
@@ -373,7 +372,7 @@ PLAIT_M, PLAITED = (0.05, 0.13, -0.2, -0.07), (0.05, 0.2)
 of it with hair up to which no plait is seen on a side, and from which on one is."""
 
 
-def _one_plait(style: Style, sight: Sight) -> Style:
+def one_plait(style: Style, sight: Sight) -> Style:
     """One plait at the side on which the photo shows one, instead of two: what it does not show is no mirror image."""
     if style.gather != "two_plaits":
         return style
@@ -397,7 +396,7 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
         strands: of a full head.
     """
     rng = np.random.default_rng([seed, 0xC07])
-    style = seen_thinning(style, sight, skin)
+    style = seen_thinning(one_plait(style, sight), sight, skin)
     groom = to_hairline(make_groom(style, seed, strands, skin, photo_combing(sight)), sight, skin, rng)
     moved = groom.strands
     for _ in range(2):

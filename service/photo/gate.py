@@ -173,13 +173,11 @@ _AHEAD: list[Begun] = []
 def expect_photo() -> None:
     """Start the process that decodes the next photo, unless it is HEIC; it waits for the photo, its libraries loaded.
 
-    One waits at a time.
-
-    Raises:
-        AvatarError: it could not be started.
+    One waits at a time. Where none can be started, the next photo is told so, and not who got ready for it.
     """
     if not _AHEAD:
-        _AHEAD.append(_decoder(Codec.JPEG))
+        with contextlib.suppress(AvatarError):
+            _AHEAD.append(_decoder(Codec.JPEG))
 
 
 def _decoder(codec: Codec) -> Begun:

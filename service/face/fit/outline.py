@@ -142,6 +142,14 @@ class Outline:
     uv: Float64
     normal: Float64
 
+    def lines(self, offset: Float64) -> Float64:
+        """(N, S, 2) pixels along the normals, (S,) offsets from each point."""
+        return self.uv[:, None] + offset[None, :, None] * self.normal[:, None]
+
+    def chosen(self, which: Bool) -> Outline:
+        """The points of a mask (N,)."""
+        return Outline(self.vertices[which], self.uv[which], self.normal[which])
+
 
 class OutlineFinder:
     """Finds the occluding contour among the mesh edges of the face or the scalp, and where it belongs in the photo."""
@@ -201,7 +209,7 @@ class OutlineFinder:
         if not len(outline.uv):
             return None
         offset = np.linspace(-1.0, 1.0, SAMPLES) * reach_m * state.scale
-        where = photo.at(outline.uv[:, None] + offset[None, :, None] * outline.normal[:, None] + middle) - 0.5
+        where = photo.at(outline.lines(offset) + middle) - 0.5
         height, width = photo.image.shape[:2]
         x, y = np.moveaxis(where.astype(np.float32), -1, 0)
         lines = cv2.remap(photo.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -219,10 +227,7 @@ class OutlineFinder:
         weight = contrast * geman_mcclure(shift, 3.0 * sigma)
         if not (weight > 0.01).any():
             return None
-        mean, modes = linear_points(self.head, outline.vertices, np.full(outline.vertices.shape, 0.5))
-        target = outline.uv + shift[:, None] * outline.normal
-        # Weight of one contour point: neighbours see the same edge.
-        return PointTerm(mean, modes, target, 0.1 * weight / max(sigma, 1e-9) ** 2, outline.normal)
+        return self._drawn(outline, shift, weight, sigma)
 
     def crown_term(
         self, reading: Reading, size: tuple[int, int], state: State, vertices: Float64
@@ -245,7 +250,7 @@ class OutlineFinder:
         if not len(outline.uv):
             return None
         offset = np.linspace(-1.0, 1.0, SAMPLES) * CROWN_REACH_M * state.scale
-        at = outline.uv[:, None] + offset[None, :, None] * outline.normal[:, None] + np.array(size) / 2
+        at = outline.lines(offset) + np.array(size) / 2
         parts = parts_at_pixels(reading, at.reshape(-1, 2)).reshape(*at.shape[:2], -1)
         crop = (reading.around or reading).region.to_crop(at.reshape(-1, 2), 1).reshape(at.shape)
         inside = ((at >= 0) & (at < size) & (crop > 0) & (crop < 1)).all(-1)
@@ -257,8 +262,11 @@ class OutlineFinder:
         used = (first > 0) & (inside | (sample > first[:, None])).all(1) & ((first <= here) | bare)
         if not used.any():
             return None
-        edges, normal = outline.vertices[used], outline.normal[used]
-        mean, modes = linear_points(self.head, edges, np.full(edges.shape, 0.5))
-        target = outline.uv[used] + offset[first[used], None] * normal
-        sigma = CROWN_SIGMA_M * state.scale
-        return PointTerm(mean, modes, target, np.full(len(edges), 0.1 / max(sigma, 1e-9) ** 2), normal)
+        return self._drawn(outline.chosen(used), offset[first[used]], np.ones(used.sum()), CROWN_SIGMA_M * state.scale)
+
+    def _drawn(self, outline: Outline, shift: Float64, weight: Float64, sigma: float) -> PointTerm:
+        """The contour drawn along its normals by ``shift`` (N,) pixels, known to ``sigma``, each with a weight (N,)."""
+        mean, modes = linear_points(self.head, outline.vertices, np.full(outline.vertices.shape, 0.5))
+        target = outline.uv + shift[:, None] * outline.normal
+        # Weight of one contour point: neighbours see the same edge.
+        return PointTerm(mean, modes, target, 0.1 * weight / max(sigma, 1e-9) ** 2, outline.normal)

@@ -22,7 +22,7 @@ from service.hair.kinds import LENGTHS
 from service.hair.paint import painted
 from service.hair.reading import CELLS
 from service.hair.scalp import Scalp
-from service.hair.shape import filled, fitted, seen_share, seen_thinning, to_hairline, trimmed
+from service.hair.shape import filled, fitted, one_plait, seen_share, seen_thinning, to_hairline, trimmed
 from service.hair.sight import Sight, overlap
 from service.hair.style import LENGTHS as LENGTH_NAMES
 from service.hair.style import NAMED, style_to_json
@@ -121,10 +121,10 @@ def test_a_plait_that_is_not_seen_is_no_mirror_image() -> None:
     """Both sides are shown, one has a plait: the other got one as well. Where both have one, both stay."""
     two = dataclasses.replace(NAMED["ponytail"], kind="two_plaits", gather="two_plaits", tie_y=-0.04)
     seen = photographed(two, 3, HEAD)
-    assert seen_thinning(two, seen.sight, SKIN).gather == "two_plaits"
+    assert one_plait(two, seen.sight).gather == "two_plaits"
     for side in (1, -1):
         hidden = seen.sight.hair * ((np.arange(CELLS) < CELLS // 2) == (side < 0))
-        one = seen_thinning(two, dataclasses.replace(seen.sight, hair=hidden), SKIN)
+        one = one_plait(two, dataclasses.replace(seen.sight, hair=hidden))
         assert one.gather == "plait" and np.sign(one.tie_x) == side
         tail = make_groom(one, 0, 500).strands[:, -1]
         assert (tail[:, 0] * side > 0.03).mean() > 0.95 and mirrored(one).tie_x == -one.tie_x

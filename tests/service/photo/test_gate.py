@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import importlib.util
 import io
+import subprocess
 import time
 
 import numpy as np
@@ -14,6 +15,7 @@ from PIL import Image
 
 from service.errors import (
     AnimatedImage,
+    AvatarError,
     BadAspect,
     CorruptImage,
     EmptyFile,
@@ -353,6 +355,21 @@ def test_broken_profile_is_ignored_with_a_warning(profile: bytes) -> None:
     photo = read_photo(broken)
     assert np.array_equal(photo.pixels, read_photo(data).pixels)
     assert photo.warnings == ("icc-ignored",)
+
+
+def test_a_photo_that_is_good_is_not_refused_as_none_can_be_got_ready_for_the_next(
+    monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The service gets ready for the next photo before it answers for this one; the next one is told of the fault."""
+
+    def full(*_: object, **__: object) -> None:
+        raise BlockingIOError("no more processes")
+
+    monkeypatch.setattr(gate, "_AHEAD", [])
+    monkeypatch.setattr(subprocess, "Popen", full)
+    gate.expect_photo()
+    with pytest.raises(AvatarError, match="could not be started"):
+        read_photo(bad.save(PICTURE, "PNG"))
 
 
 @pytest.mark.parametrize("killed", [False, True])
