@@ -282,6 +282,27 @@ class Prior:
         gradient[POSE:] += self.shape_precision * (state.coefficients - self.shape_mean)
 
 
+@dataclass(frozen=True)
+class NormalPrior:
+    """One more Gaussian prior: a product with the coefficients that has mean 0 and variance 1.
+
+    Attributes:
+        row: (M,) of the product, with the first M coefficients.
+    """
+
+    row: Float64
+
+    def cost(self, state: State) -> float:
+        """Half the square."""
+        return 0.5 * float(self.row @ state.coefficients[: len(self.row)]) ** 2
+
+    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
+        """Add J^T J and J^T r in place."""
+        own = slice(POSE, POSE + len(self.row))
+        hessian[own, own] += np.outer(self.row, self.row)
+        gradient[own] += self.row * float(self.row @ state.coefficients[: len(self.row)])
+
+
 @dataclass
 class Damping:
     """Damping kept between calls, so that a solve can be resumed after the weights changed."""

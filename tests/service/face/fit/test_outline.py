@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from service.arrays import Float64
+from service.face.fit.fit_face import SKULL_SIGMA_M, skull_height
+from service.face.fit.landmark_fit import LandmarkModel
 from service.face.fit.outline import OutlineFinder
 from service.face.fit.solver import State
 from service.face.reading.part_labels import BACKGROUND, HAIR, PARTS, SKIN
@@ -56,3 +58,12 @@ def test_what_the_photo_does_not_show_tells_no_end(head: HeadModel, skull: Outli
     assert skull.crown_term(reading(0.0, HAIR, top_of(skull, vertices) + 20), SIZE, STATE, vertices) is None
     above = STATE.stepped(np.r_[np.zeros(4), -(top_of(skull, vertices) + 20) / SCALE, np.zeros(2)])
     assert skull.crown_term(reading(0.0, HAIR), SIZE, above, vertices) is None
+
+
+def test_crowns_are_as_high_as_peoples(head: HeadModel) -> None:
+    """The coefficients' own prior allows pointed skulls; a face seen from the front would be given one by its brow."""
+    row = skull_height(head, LandmarkModel(head, len(head.identity))).row
+    alone = float(np.linalg.norm(row)) * SKULL_SIGMA_M
+    both = alone / np.sqrt(1 + float(row @ row))
+    assert alone > 0.011
+    assert 0.005 < both < SKULL_SIGMA_M

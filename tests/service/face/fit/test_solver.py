@@ -9,6 +9,7 @@ from service.face.fit.solver import (
     POSE,
     Damping,
     PointTerm,
+    NormalPrior,
     Prior,
     State,
     System,
@@ -31,6 +32,7 @@ NORMAL = np.stack([np.cos(ANGLE), np.sin(ANGLE)], 1)
 TERMS: dict[str, Term] = {
     "points": PointTerm(MEAN, MOVES, TARGET, WEIGHT),
     "contour": PointTerm(MEAN, MOVES, TARGET, WEIGHT, NORMAL),
+    "one more prior": NormalPrior(np.array([0.7, -1.3])),
     "prior": Prior(0.1, 0.4, 7.0, 0.3, np.linspace(0.5, 3, SHAPES), np.linspace(-1, 1, SHAPES)),
 }
 
