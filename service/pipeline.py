@@ -223,7 +223,7 @@ def make_avatar(
                 own_texture = kept("own_texture", own_texture_of, texture, own, size)
         if subject is not None:
             reflectance = make_reflectance(
-                texture.legible,
+                texture.texture,
                 replace(subject.result().wearing(texture), wrinkles=AGES[options.wrinkles]),
                 plan,
                 options.map_size,

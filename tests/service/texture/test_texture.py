@@ -55,22 +55,16 @@ def test_checks_come_back_where_they_were_seen() -> None:
     assert np.mean(error > 0.1) < 0.12  # texels across an edge of the checks
 
 
-def test_albedo_is_told_from_skin_completed_in_the_dark_and_the_texture_shows_what_the_photo_does() -> None:
+def test_skin_too_dark_for_its_colour_to_be_told_is_completed() -> None:
+    """Or a head would be drawn in the black shadow of a cap that it does not wear."""
     shown = photograph(HEAD, turned(0), lambda points: np.where(points[:, :1] > 0, 0.02, 1.0) * SKIN)
     fit, reading = fitted(HEAD, turned(0)), read_off(HEAD, turned(0), _parts)
     known = Unwrappings.of(CHART, [(shown, fit, reading)])
     texture = make_texture(shown, HEAD, fit, CHART, reading, known=known)
-    unwrapped, part, cover, dark = known.sights[0]
-    plain = make_texture(
-        shown, HEAD, fit, CHART, reading, known=replace(known, sights=((unwrapped, part, cover, 0 * dark),))
-    )
-    assert plain.bright is None
-    assert np.array_equal(texture.texture, plain.texture)
     place = POINTS[CHART.texels // CHART.width, CHART.texels % CHART.width]
-    hidden = (dark > 0.9) & (place[:, 0] > 0.01)
+    hidden = (known.sights[0][2] > 0.9) & (place[:, 0] > 0.01)
     assert hidden.sum() > 200
-    half = np.unravel_index(CHART.texels[hidden], SKIN_MASK.shape)
-    assert np.median(texture.texture[half]) < 40 and np.median(texture.legible[half]) > 120
+    assert np.median(texture.texture[np.unravel_index(CHART.texels[hidden], SKIN_MASK.shape)]) > 120
 
 
 def test_unseen_half_is_the_mirror_image() -> None:

@@ -8,8 +8,8 @@ import pytest
 from service.face.fit.solver import (
     POSE,
     Damping,
-    PointTerm,
     NormalPrior,
+    PointTerm,
     Prior,
     State,
     System,
