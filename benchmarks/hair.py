@@ -16,8 +16,7 @@ import typer
 
 from models.hair.random_styles import sample_style
 from service.hair.bank import kind_of, match, read_bank
-from service.hair.choose import across, choose
-from service.hair.find_hair import STRANDS_A_TRIAL
+from service.hair.find_hair import STRANDS_A_TRIAL, across, choose
 from service.hair.kinds import KINDS, ends_m, kinds_of
 from service.hair.scalp import Scalp
 from service.hair.shape import fitted

@@ -44,7 +44,7 @@ from service.face.several import Gathered, check_count, decoded, fitted, of_one_
 from service.hair.asked import NONE
 from service.hair.bank import read_bank
 from service.hair.find_hair import grow_hair, see_hair
-from service.hair.wear import hair_cards, hair_in_albedo
+from service.hair.worn_hair import hair_cards, hair_in_albedo
 from service.head.model import HeadModel
 from service.levels import Size
 from service.likeness import likeness

@@ -13,8 +13,7 @@ from typing import Any, TypeVar
 from fastapi import Request
 from starlette.concurrency import run_in_threadpool
 
-from service.api.context import Context
-from service.api.decoding import FIXED, cost
+from service.api.context import FIXED, Context, cost
 from service.api.keys import Tenant
 from service.api.problem_responses import HttpProblem
 from service.api.uploads import Upload
@@ -23,8 +22,7 @@ from service.face.several import of_photo
 from service.jobs.admission import Bounds, KeyInUse, NewJob, NoRoom, count_refusal
 from service.jobs.artifacts import artifact_name, kept_folder
 from service.jobs.database import now
-from service.jobs.erasure import checkpoint, let_go
-from service.jobs.store import Row
+from service.jobs.store import Row, checkpoint, let_go
 from service.jobs.webhooks import target
 from service.photo.bundle import unbundled
 from service.photo.gate import check_photo, expect_photo

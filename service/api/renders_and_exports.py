@@ -1,4 +1,4 @@
-"""``/v1/renders`` and ``/v1/exports``: a picture or a kit of a finished avatar (:mod:`service.jobs.kinds`).
+"""``/v1/renders`` and ``/v1/exports``: a picture or a kit of a finished avatar (:mod:`service.jobs.view`).
 
 Each is a job like others: it counts in the quotas of its tenant, and a worker makes it. The same thing of the same
 result is made once: who asks for it again gets it from the store, for as long as it is kept.
@@ -31,9 +31,8 @@ from service.api.parameters import parse_object
 from service.api.problem_responses import HttpProblem
 from service.errors import TooManyBytes, UsageError
 from service.jobs.admission import KeyInUse, NewJob, NoRoom
-from service.jobs.kinds import EXPORT, KINDS, RENDER, Kind
 from service.jobs.store import Row
-from service.jobs.view import FINAL, job_json
+from service.jobs.view import EXPORT, FINAL, KINDS, RENDER, Kind, job_json
 from service.kits.export import TOOLS, known_tool
 from service.render.request import parse_request
 

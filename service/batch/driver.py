@@ -21,9 +21,8 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.batch.display import Display
-from service.batch.groups import Grouped, photos_at
 from service.batch.makers import Hopeless, LocalMaker, Maker, RemoteMaker
-from service.batch.plan import ARCHIVE, SETTLED_S, STATE, SUFFIXES, Line, Plan
+from service.batch.plan import ARCHIVE, SETTLED_S, STATE, SUFFIXES, Grouped, Line, Plan, photos_at
 from service.batch.shards import Rounds, Shards, lasting
 from service.errors import AvatarError, Crashed, UsageError
 from service.jobs.database import SHARDS, connect, create_tables

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from service.batch.groups import GROUP
+from service.batch.plan import GROUP
 from service.client.client import Client, Job, canonical, idempotency_key
 from service.client.errors import (
     AccessDenied,

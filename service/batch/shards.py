@@ -24,9 +24,8 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import sqlalchemy as sa
 
-from service.batch.groups import photos_at
 from service.batch.makers import Hopeless, Maker, Order, Stopped
-from service.batch.plan import ASKED, Line, manifest_name, read_lines, report_name, text_of
+from service.batch.plan import ASKED, Line, manifest_name, photos_at, read_lines, report_name, text_of
 from service.client.errors import error_code
 from service.errors import AvatarError, Crashed, OutputFault, UnreadableInput
 from service.jobs.database import FAULTS, SHARDS, patient

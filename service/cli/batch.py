@@ -95,7 +95,7 @@ def grouped_source(folder: str, by: str | None) -> str:
     Raises:
         UsageError: ``by`` is no way to tell.
     """
-    from service.batch.groups import GROUPS, grouped
+    from service.batch.plan import GROUPS, grouped
 
     if by is not None and by not in GROUPS:
         raise UsageError(f"group-by is {by!r}; it has to be {' or '.join(GROUPS)}", field="group_by")

@@ -8,27 +8,30 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.arrays import Float32
-from service.colour import srgb_to_linear
+from service.arrays import Float32, Int64
+from service.colour import bytes_to_linear, luma, srgb_to_linear
 from service.face.fit.fit import Fit
 from service.face.reading.reader import Reading
+from service.geometry.sampling import sample_at
 from service.hair.asked import NONE, AskedHair
-from service.hair.bank import Matches, kind_of, match, read_bank
-from service.hair.choose import choose
-from service.hair.colour import HairColour, asked_colour
+from service.hair.bank import Bank, Matches, kind_of, match, read_bank
+from service.hair.colour import KNOTS, HairColour, as_absorbed, asked_colour
 from service.hair.groom import Groom, make_groom
-from service.hair.paint import painted
-from service.hair.reading import HairNetwork, HairReading, read_hair
+from service.hair.guides import grow_several, grown
+from service.hair.kinds import GATHERED, KINDS, kinds_of
+from service.hair.reading import CELLS, HairNetwork, HairReading, read_hair
 from service.hair.scalp import Scalp
 from service.hair.shape import fitted, seen_share
-from service.hair.sight import Sight, overlap
+from service.hair.sight import Drawn, Sight, overlap
 from service.hair.style import LENGTHS, NAMED, Style, style_from_json
 from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
+from service.image_filters import blurred
 from service.photo.photo import Photo
 
 UNREAD = "crop"
@@ -175,3 +178,241 @@ def _coloured(
         colour = painted(photo, sight, groom.strands, found.seen, skin, seed)
     doubts = found.doubts + (() if colour.measured else ("hair-colour-guessed",))
     return replace(found, groom=replace(groom, colour=colour), doubts=doubts, in_photo_light=asked.colour == "auto")
+
+
+PIXELS = 3 * CELLS
+"""Pixels along the square from which colours are taken."""
+LEAST_PIXELS = 150
+"""Fewest of them, well within hair, from which its colour is measured: 17 cells."""
+LIGHT_CELLS = 7.0
+"""Standard deviation of the blur that tells the photo's light on the hair, cells: 27 mm."""
+LIGHT_TAKEN = 0.75
+"""Power of that light that is taken out: the rest may be a fringe that is fairer."""
+BLACK = 0.0035
+"""Linear value of the brightest channel up to which a photo's shadow is crushed to black, whatever hair lies in it
+(code 11 of 255)."""
+RANKS = (0.06, 0.94)
+"""Ranks of brightness beyond which pixels are gaps and background, or mirror a lamp."""
+MOST_STEEP = 0.8
+"""Most by which the logarithm of a channel may rise beside that of luminance: more is two materials."""
+OWN = 0.7
+"""Share of a seen strand's own departure from the mean that it keeps: the rest is its neighbours' and noise."""
+CONTRAST = 0.9
+"""Least spread of brightness over strands, over that of the photo's pixels: means along strands are more alike."""
+USUAL_SPREAD = 0.16
+"""Standard deviation of the logarithm of luminance from strand to strand, where none are seen."""
+DARKEST, BRIGHTEST = 0.006, 0.75
+"""Range of linear luminance of hair: what a photo shows darker lies in shadow."""
+
+
+def painted(photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, skin: Float32, seed: int) -> HairColour:
+    """Colours of strands in the photo's light: a strand's own where it is seen, else like those that are.
+
+    Brightness is told strand by strand, without the slow changes over the head that are the photo's light. Hue follows
+    brightness as it does over all of the hair's pixels: single pixels of dark hair have that of noise and of the sky.
+
+    Args:
+        photo: that was fitted.
+        sight: where its hair is; None where that is not known.
+        strands: (N, P, 3) metres, root first.
+        seen: (N,) share of each that the photo shows.
+        skin: (3,) linear RGB of the person's skin in the photo; hair is guessed from it where little is seen.
+        seed: of what is random.
+    """
+    rng = np.random.default_rng([seed, 0xC01])
+    count = len(strands)
+    guess = np.log(np.maximum(skin * np.array([0.12, 0.09, 0.075], np.float32), 1e-4))
+    if sight is None:
+        return _guessed(guess, count, rng)
+    pixels = bytes_to_linear(sight.region.cut(photo.pixels, PIXELS))
+    grown = np.kron(np.asarray(blurred(sight.hair, 0.8) > 0.75, np.float32), np.ones((3, 3), np.float32))
+    bright = np.log(np.maximum(luma(pixels), 1e-4))
+    inner = (grown > 0.5) & (pixels.max(-1) < 0.98) & (pixels.max(-1) > BLACK)
+    if int(inner.sum()) < LEAST_PIXELS:
+        return _guessed(guess, count, rng)
+    low, high = np.quantile(bright[inner], RANKS)
+    inner &= (bright >= low) & (bright <= high)
+    mean = float(bright[inner].mean())
+    # What changes slowly over the hair is its light.
+    weight = inner.astype(np.float32)
+    sigma = LIGHT_CELLS * PIXELS / CELLS
+    summed = blurred(np.stack([weight * (bright - mean), weight], -1).astype(np.float32), sigma)
+    light = summed[..., 0] / np.maximum(summed[..., 1], 1e-3)
+    flat = np.asarray(np.clip(bright - LIGHT_TAKEN * light, low, high), np.float32)
+    offset, slope = _hue(np.log(np.maximum(pixels[inner], 1e-4)), bright[inner])
+    level = _levels(strands, seen, sight, flat, weight, float(flat[inner].mean()), rng)
+    level -= np.median(level)
+    level *= np.clip(CONTRAST * float(flat[inner].std()) / max(float(level.std()), 1e-3), 1, 2)
+    # As much light comes off all of them as off the hair in the photo.
+    level = np.clip(level + np.log(float(np.exp(bright[inner]).mean()) / float(np.exp(level).mean())), low, high)
+    level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
+    return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))))
+
+
+def _guessed(usual: Float32, count: int, rng: np.random.Generator) -> HairColour:
+    """Strands of one colour, the logarithm of linear RGB (3,), which differ in brightness."""
+    level = rng.normal(0, USUAL_SPREAD, (count, 1)).astype(np.float32)
+    return replace(as_absorbed(np.exp(usual + np.repeat(level, KNOTS, 1)[..., None])), measured=False)
+
+
+def _hue(logs: Float32, bright: Float32) -> tuple[Float32, Float32]:
+    """Offset (3,) and slope (3,) of the logarithm of each channel over that of luminance."""
+    middle = logs.mean(0), float(bright.mean())
+    spread = bright - middle[1]
+    size = max(float((spread**2).sum()), 1e-6)
+    slope = np.clip((spread[:, None] * (logs - middle[0])).sum(0) / size, 1 - MOST_STEEP, 1 + MOST_STEEP)
+    return np.asarray(middle[0] - slope * middle[1], np.float32), np.asarray(slope, np.float32)
+
+
+def _levels(
+    strands: Float32, seen: Float32, sight: Sight, flat: Float32, weight: Float32, mean: float,
+    rng: np.random.Generator,
+) -> Float32:  # fmt: skip
+    """(N, KNOTS) logarithm of luminance of strands from root to tip."""
+    at = np.linspace(0, strands.shape[1] - 1, KNOTS).round().astype(int)
+    cell, depth = sight.project(strands[:, at])
+    _, before = sight.visible(cell, depth)
+    place = (cell * (PIXELS / CELLS) - 0.5).reshape(-1, 2)
+    soft = blurred(np.stack([flat * weight, weight], -1).astype(np.float32), 1.0)
+    read = sample_at(soft, place[:, 0], place[:, 1]).reshape(*cell.shape[:2], 2)
+    trust = np.where(before & (read[..., 1] > 0.3), np.clip(2 * seen, 0, 1)[:, None], 0)
+    own = np.where(trust > 0, read[..., 0] / np.maximum(read[..., 1], 1e-3), mean) - mean
+    # From root to tip as those that are seen, and from strand to strand as they differ.
+    told = trust.sum(0)
+    along = (trust * own).sum(0) / (told + 20.0)
+    per = trust.sum(1)
+    middle = (trust * (own - along)).sum(1) / np.maximum(per, 1e-6)
+    enough = per > 1.5
+    spread = float(np.std(middle[enough])) if int(enough.sum()) > 50 else USUAL_SPREAD
+    random = rng.normal(0, float(np.clip(spread, 0.05, 0.35)), len(strands))
+    base = np.where(enough, OWN * middle, random)
+    detail = trust * (own - along - middle[:, None]) * OWN
+    return np.asarray(mean + along + base[:, None] + detail, np.float32)
+
+
+OF_EACH = 0.02
+"""Probability from which on the best style of a length and a way of gathering is tried as well."""
+TRIED_GUIDES = 260
+"""Guides that stand for a style while it is tried."""
+ANGLE = 0.12
+"""Weight of the direction of visible strands (0 along, 1 against) beside the silhouette's error."""
+KIND, UNLIKELY = 0.1, 0.02
+"""Weight of the reading's doubt about length and gathering, minus the logarithm of its probability, which is at least
+this."""
+KEEP = 0.004
+"""Gain below which a number stays as the bank has it."""
+_LENGTH, _GATHERED = (list(KINDS).index(name) for name in ("length", "gathered"))
+_SAME = {"half": "none"}
+"""Hair of which a part is pinned back hangs all the same."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A style on the head, as the photo's camera sees it.
+
+    Attributes:
+        style: what was tried.
+        loss: 1 less the overlap of silhouettes, what its strands run across the photo's, and how unlikely the reading
+            calls its kind.
+    """
+
+    style: Style
+    loss: float
+
+
+def choose(
+    bank: Bank, matches: Matches, sight: Sight, skin: Scalp, seed: int, read: HairReading, likeliest: int
+) -> Style:
+    """The style of a bank that fits a photo best: the likeliest are grown, and the best one's numbers brought nearer.
+
+    What the photo does not show stays the style's. ``service.hair.shape`` then fits the strands.
+
+    Args:
+        bank: the styles.
+        matches: how likely they are.
+        sight: the photo.
+        skin: of the fitted head.
+        seed: of all that is random.
+        read: of the photo.
+        likeliest: how many styles are tried, beside the best of each kind.
+    """
+    rows = candidates(bank, matches, read, likeliest)
+    several = list(dict.fromkeys(bank.style(int(row)) for row in rows))
+    best = min(tried(several, sight, skin, seed, read), key=lambda one: one.loss)
+    changes = {changed: change for change in _changes() if (changed := change(best.style)) != best.style}
+    other = tried(list(changes), sight, skin, seed, read)
+    helpful = sorted((one for one in other if one.loss < best.loss - KEEP), key=lambda one: one.loss)
+    if helpful:
+        style, together = helpful[0].style, []
+        for one in helpful[1:]:
+            style = changes[one.style](style)
+            together.append(style)
+        best = min([helpful[0], *tried(together, sight, skin, seed, read)], key=lambda one: one.loss)
+    return best.style
+
+
+def candidates(bank: Bank, matches: Matches, read: HairReading, likeliest: int) -> Int64:
+    """Rows of the likeliest styles, and of the best of each length and way of gathering that is not unlikely.
+
+    All are tied, plaited or loose as the reading says: from the front, silhouettes hardly tell a bun from a crop.
+    """
+    kinds = np.tile(bank.kinds[:, [_LENGTH, _GATHERED]], (2, 1))
+    chance = np.array([read.kinds["gathered"].get(name, 0.0) for name in GATHERED])
+    ways = np.array([GATHERED.index(_SAME.get(name, name)) for name in GATHERED])
+    read_as = int(np.bincount(ways, chance).argmax())
+    found, kind = np.unique(kinds, axis=0, return_inverse=True)
+    kind = kind.ravel()
+    order = matches.best(len(kind))
+    order = order[(ways[kinds[order, 1]] == read_as) & ~bank.cropped[order]]
+    best = order[np.unique(kind[order], return_index=True)[1]]
+    share = np.bincount(kind, matches.probability, len(found))[kind[best]]
+    return np.asarray(list(dict.fromkeys([*order[:likeliest], *best[share >= OF_EACH]])), np.int64)
+
+
+def tried(styles: Sequence[Style], sight: Sight, skin: Scalp, seed: int, read: HairReading) -> list[Tried]:
+    """Grow the guides of styles and compare them with the photo and with what was read of it."""
+    heads = []
+    for style in styles:
+        rng = np.random.default_rng([seed, 0x7E1])
+        heads.append((style, grown(skin.even.chosen(np.arange(TRIED_GUIDES)), style, rng), rng))
+    found = []
+    for style, guides in zip(styles, grow_several(heads, skin), strict=True):
+        loss = 1.0
+        if len(guides):
+            drawn = sight.drawn(guides)
+            own = kinds_of(style, guides)
+            # From the front, hair of which a part is pinned back hardly differs from loose hair, which is usual.
+            ways = dict(read.kinds["gathered"])
+            ways["none"] = ways.get("none", 0.0) + ways.get("half", 0.0)
+            chances = [read.kinds["length"].get(own["length"], 0.0), ways.get(own["gathered"], 0.0)]
+            doubt = -float(np.log(np.maximum(chances, UNLIKELY)).sum())
+            loss = 1 - overlap(sight.hair, drawn.mask, sight.known) + ANGLE * across(drawn, sight) + KIND * doubt
+        found.append(Tried(style, loss))
+    return found
+
+
+def across(drawn: Drawn, sight: Sight) -> float:
+    """How strands run against those of the photo, 0 (along) over 0.5 (across) to 1 (against), mean by its certainty."""
+    cosine = (drawn.direction * sight.direction).sum(-1)
+    weight = sight.certainty * sight.known * drawn.mask
+    return float((weight * (1 - cosine)).sum() / 2 / max(float(weight.sum()), 1e-6))
+
+
+Change = Callable[[Style], Style]
+
+
+def _changes() -> Iterator[Change]:
+    """Steps that are tried, first one by one."""
+    for sign in (1, -1):
+        factor = float(np.exp(sign * 0.45))
+        for names in (LENGTHS, ("volume_mm",), ("sides_mm", "back_mm"), ("fringe_mm",)):
+            yield lambda s, f=factor, names=names: s.scaled(f, *names)  # type: ignore[misc]
+        shift = 0.3 * sign
+        yield lambda s, d=shift: dataclasses.replace(s, receding=float(np.clip(s.receding + d, 0, 1)))  # type: ignore[misc]
+        low = 0.045 * sign
+        yield lambda s, d=low: s if s.cut_y is None else dataclasses.replace(s, cut_y=s.cut_y + d)  # type: ignore[misc]
+    yield lambda s: s if s.gather != "none" else dataclasses.replace(s, receding=1.0, crown=1.0, parting="none")
+    for parting in ("left", "middle", "right", "none"):
+        yield lambda s, p=parting: s if s.gather != "none" else dataclasses.replace(s, parting=p)  # type: ignore[misc]
+    for combing in ("forward", "side", "back"):
+        yield lambda s, c=combing: s if s.gather != "none" else dataclasses.replace(s, combing=c)  # type: ignore[misc]

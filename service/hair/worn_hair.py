@@ -1,13 +1,20 @@
-"""What a head wears: strands in their colour, what they are called, and how sure that is."""
+"""What hair a head wears: strands in their colour, how sure that is, and what of it goes into files and pictures."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.arrays import Float32
+from service.arrays import Float32, UInt8
+from service.colour import bytes_to_linear, linear_to_srgb
+from service.hair.cards import BUDGETS, PARTS, hair_parts
+from service.hair.colour import KNOTS, as_absorbed
 from service.hair.groom import Groom
+from service.hair.scalp import Scalp
+from service.levels import QualityName
+from service.materials.material import Material, OwnMap
+from service.materials.part import MeshPart
 
 
 @dataclass(frozen=True)
@@ -40,3 +47,58 @@ class WornHair:
         if self.groom is None or not len(self.groom):
             return np.array([0.05, 0.03, 0.02], np.float32)
         return np.asarray(np.median(self.groom.colour.linear()[:, 0], 0), np.float32)
+
+
+def hair_cards(hair: WornHair, skin: Scalp | None, quality: QualityName, seed: int) -> tuple[MeshPart, ...]:
+    """Meshes of the hair, in the light that its colour has; none on a head that wears no strands.
+
+    Args:
+        hair: of the photo.
+        skin: of the fitted head at rest; None where hair grows nowhere.
+        quality: says how many triangles and texels.
+        seed: of all that is random.
+    """
+    return () if hair.groom is None or skin is None else hair_parts(hair.groom, skin, BUDGETS[quality], seed)
+
+
+def hair_in_albedo(
+    hair: WornHair, parts: tuple[MeshPart, ...], light: Float32
+) -> tuple[WornHair, tuple[MeshPart, ...]]:
+    """Hair and its meshes without the photo's light, in a colour that melanin has, or dye where it is far from those.
+
+    Args:
+        hair: of the photo.
+        parts: with those of :func:`hair_cards`; all others stay as they are.
+        light: (3,) factors from colours in the photo's light to albedo.
+    """
+    groom = hair.groom
+    if groom is None or not hair.in_photo_light or not len(groom):
+        return hair, parts
+    seen = groom.colour.linear()
+    # Hair that is brown in the photo, or without its light, is neither green nor violet: a hue that no melanin has is
+    # the light's, which need not be as coloured on the hair as on the face.
+    usual = np.median(seen.reshape(-1, 3), 0)
+    brown = any(red >= green >= blue for red, green, blue in (usual, usual * light))
+    unlit_colour = as_absorbed(np.clip(seen * light, 1e-3, 0.9), dyed=not brown)
+    made = replace(unlit_colour, measured=groom.colour.measured)
+    before, after = (np.median(one.reshape(-1, 3), 0) for one in (seen, made.linear(KNOTS)))
+    change = np.asarray(after / np.maximum(before, 1e-5), np.float32)
+    # Materials and textures that parts share stay shared.
+    materials: dict[str, Material] = {}
+    pictures: dict[int, OwnMap] = {}
+    for part in parts:
+        one = part.material.colour_map
+        if part.name in PARTS and isinstance(one, OwnMap):
+            if id(one) not in pictures:
+                pictures[id(one)] = _recoloured(one, change)
+            materials[part.material.name] = replace(part.material, colour_map=pictures[id(one)])
+    unlit = tuple(replace(part, material=materials.get(part.material.name, part.material)) for part in parts)
+    return replace(hair, groom=replace(groom, colour=made), in_photo_light=False), unlit
+
+
+def _recoloured(picture: OwnMap, change: Float32) -> OwnMap:
+    """The picture with its colours times factors (3,), linear."""
+    linear = bytes_to_linear(np.arange(256, dtype=np.uint8))[:, None] * change
+    coded: UInt8 = np.rint(255 * linear_to_srgb(np.clip(linear, 0, 1).astype(np.float32))).astype(np.uint8)
+    planes = [coded[picture.pixels[..., k], k] for k in range(3)]
+    return OwnMap(picture.name, np.dstack([*planes, picture.pixels[..., 3:]]))

@@ -180,7 +180,7 @@ class NewJob:
         keep_photo: do not erase the photo when the job ends.
         key: the Idempotency-Key, None without one.
         digest: of everything that makes the request what it is.
-        kind: of ``service.jobs.kinds``.
+        kind: of ``service.jobs.view``.
         source: of a derived kind, the job whose result it is made of.
         priority: of ``service.jobs.admission.PRIORITIES``.
         metadata: words of the owner's own.

@@ -91,7 +91,7 @@ JOBS = sa.Table(
     _index("tombstone", "updated_at", where=IS_TOMBSTONE),
     _index("derived", "source", where=IS_DERIVED),
 )
-"""``kind`` is one of :mod:`service.jobs.kinds`, ``source`` the job of whose result it is made, ``turn`` the place in
+"""``kind`` is one of :mod:`service.jobs.view`, ``source`` the job of whose result it is made, ``turn`` the place in
 the queue (:mod:`service.jobs.admission`), ``metadata`` the own words of the owner as JSON, of a derived kind the facts,
 ``webhook`` the address that wants to know, ``trace`` the trace of the request (``traceparent`` of W3C Trace Context).
 """

@@ -9,10 +9,9 @@ from collections.abc import Collection, Mapping
 import sqlalchemy as sa
 
 from service.jobs.database import IS_LEFTOVER, IS_TOMBSTONE, JOBS, WORKERS, now, seconds_of_database
-from service.jobs.erasure import checkpoint, forget, let_go
 from service.jobs.locks import DatabaseLock
 from service.jobs.runner import Runner
-from service.jobs.store import Row, workflows
+from service.jobs.store import Row, checkpoint, forget, let_go, workflows
 from service.jobs.view import FINAL, problem
 
 log = logging.getLogger(__name__)

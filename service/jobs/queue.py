@@ -10,7 +10,7 @@ from typing import Any
 import sqlalchemy as sa
 from dbos import DBOSClient, EnqueueOptions, Serializer, WorkflowStatus
 
-from service.jobs.kinds import KINDS
+from service.jobs.view import KINDS
 
 APPLICATION = "avatarme"
 

@@ -20,11 +20,10 @@ import sqlalchemy as sa
 from service.errors import Crashed, ModelFault
 from service.jobs.artifacts import Artifacts, artifact_name, kept_folder
 from service.jobs.database import now, patient
-from service.jobs.kinds import KINDS, Kind
 from service.jobs.process import Ending, Glance, JobProcess, Task
 from service.jobs.settings import Settings
 from service.jobs.store import Row, Store
-from service.jobs.view import FINAL, from_error, from_facts, problem
+from service.jobs.view import FINAL, KINDS, Kind, from_error, from_facts, problem
 from service.places import file_sha256
 
 log = logging.getLogger(__name__)

@@ -15,11 +15,10 @@ from dbos import DBOS, DBOSConfig
 
 from service.jobs import webhooks
 from service.jobs.database import LINE, patient
-from service.jobs.kinds import AVATAR, KINDS
 from service.jobs.queue import APPLICATION, MESSAGE, MESSAGES, VERSION, WORKFLOW, JsonSerializer
 from service.jobs.runner import Runner
 from service.jobs.settings import Settings
-from service.jobs.view import from_error
+from service.jobs.view import AVATAR, KINDS, from_error
 
 log = logging.getLogger(__name__)
 

@@ -13,8 +13,8 @@ import pytest
 from service.api import accepting
 from service.api.keys import Keys, new_key
 from service.errors import UsageError
-from service.jobs.erasure import depart
 from service.jobs.settings import Settings
+from service.jobs.store import depart
 from tests.service.api.conftest import GOOD, TOY, Api, is_problem, open_api
 from tests.service.photo.badimages import picture, save
 

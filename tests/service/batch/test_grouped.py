@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from service.batch.groups import Grouped, grouped
-from service.batch.groups import photos_at as place
-from service.batch.plan import SUFFIXES
+from service.batch.plan import SUFFIXES, Grouped, grouped
+from service.batch.plan import photos_at as place
 from service.errors import UsageError
 from service.photo.bundle import MOST, unbundled
 

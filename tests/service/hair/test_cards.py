@@ -14,8 +14,7 @@ from service.hair.cards import CUTOFF, PARTS, Body, Budget, hair_parts
 from service.hair.groom import Groom, make_groom
 from service.hair.scalp import mean_scalp
 from service.hair.style import NAMED
-from service.hair.wear import hair_in_albedo
-from service.hair.worn_hair import WornHair
+from service.hair.worn_hair import WornHair, hair_in_albedo
 from service.materials.material import OwnMap
 from service.materials.part import MeshPart, check_parts
 

@@ -14,20 +14,17 @@ from service.errors import ModelFault, UsageError
 from service.face.region import Region
 from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
 from service.hair.bank import kind_of, match, mirrored, read_bank
-from service.hair.choose import candidates
 from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
-from service.hair.find_hair import grow_hair, see_hair
+from service.hair.find_hair import candidates, grow_hair, painted, see_hair
 from service.hair.groom import make_groom
 from service.hair.kinds import LENGTHS
-from service.hair.paint import painted
 from service.hair.reading import CELLS
 from service.hair.scalp import Scalp
 from service.hair.shape import filled, fitted, one_plait, seen_share, seen_thinning, to_hairline, trimmed
 from service.hair.sight import Sight, overlap
 from service.hair.style import LENGTHS as LENGTH_NAMES
 from service.hair.style import NAMED, style_to_json
-from service.hair.wear import hair_cards, hair_in_albedo
-from service.hair.worn_hair import WornHair
+from service.hair.worn_hair import WornHair, hair_cards, hair_in_albedo
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.options import Options

@@ -11,7 +11,7 @@ import sqlalchemy as sa
 
 from service.jobs.admission import LOW, Bounds, NoRoom
 from service.jobs.database import JOBS, JOBS_NOW, TALLIES, create_tables, now
-from service.jobs.erasure import depart
+from service.jobs.store import depart
 from tests.service.jobs.conftest import Bench, unfinished
 from tests.support.postgres import Postgres, find_programs
 from tests.support.server import in_threads

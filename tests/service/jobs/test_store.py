@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from service.jobs.admission import KeyInUse
-from service.jobs.erasure import checkpoint, depart
+from service.jobs.store import checkpoint, depart
 from tests.service.jobs.conftest import Bench, unfinished
 
 RESULT = {"archive": "x", "sha256": "0" * 64, "bytes": 3, "warnings": [], "timings": {}, "peak_rss_mb": 1.0}

@@ -8,7 +8,7 @@ import logging
 import pytest
 
 from service.jobs import telemetry
-from service.jobs.erasure import depart, forget
+from service.jobs.store import depart, forget
 from tests.service.jobs.conftest import Bench
 
 RESULT = {"archive": "a", "sha256": "0" * 64, "bytes": 1, "warnings": [], "peak_rss_mb": 5.0}

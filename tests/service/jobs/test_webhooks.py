@@ -18,9 +18,9 @@ import pytest
 from service.errors import UsageError
 from service.jobs import telemetry, webhooks
 from service.jobs.database import now
-from service.jobs.erasure import checkpoint, let_go
 from service.jobs.queue import ATTEMPTS, PAUSES_S
 from service.jobs.settings import Settings
+from service.jobs.store import checkpoint, let_go
 from service.jobs.webhooks import Target, may_be_reached, target
 from tests.service.jobs.conftest import Bench
 

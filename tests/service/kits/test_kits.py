@@ -24,8 +24,8 @@ from service.hair.groom import make_groom
 from service.hair.scalp import mean_scalp
 from service.hair.style import NAMED
 from service.kits import export as blender
+from service.kits.engines import reduced, triangles
 from service.kits.export import export_kit
-from service.kits.lod import reduced, triangles
 from service.kits.source import materials_of, opened, read_parts
 from service.materials.material import OwnMap
 from service.materials.part import head_parts

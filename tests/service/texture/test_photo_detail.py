@@ -11,8 +11,14 @@ import pytest
 from service.arrays import Float32, UInt8
 from service.geometry.chart import Chart
 from service.photo.photo import Photo
-from service.texture.photo_detail import OwnDetail, own_texture_of
-from service.texture.sharpness import LEAST_BLUR, UNKNOWN_BLUR, Sharpness, measure_sharpness
+from service.texture.photo_detail import (
+    LEAST_BLUR,
+    UNKNOWN_BLUR,
+    OwnDetail,
+    Sharpness,
+    measure_sharpness,
+    own_texture_of,
+)
 from service.texture.texture import Texture, make_texture
 from tests.service.texture.scenes import SKIN, Array, bare, fitted, photograph, plain, turned
 from tests.toyhead import sphere_head
@@ -98,6 +104,8 @@ def test_the_texture_is_as_large_as_the_photo_holds(scene: tuple[Photo, Texture,
 
 
 SHARP, FIT = photograph(HEAD, turned(0, 1000), spots), fitted(HEAD, turned(0, 1000))
+
+
 def own_of(photo: Photo) -> tuple[Texture, OwnDetail]:
     texture = make_texture(photo, HEAD, FIT, CHART, bare(HEAD, turned(0, 1000)))
     return texture, OwnDetail.of(photo, HEAD, FIT, texture)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.reflectance.albedo.corrections import ChartLight
-from service.reflectance.albedo.several_lights import agreed_light, photo_planes
+from service.reflectance.albedo.diffuse_albedo import agreed_light, photo_planes
 from service.reflectance.planes import Planes
 from service.runtime.network_registry import EYES
 from service.texture.texture import PhotoTexture
