@@ -42,7 +42,7 @@ from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.subject import Subject
 from service.reflectance.surface_maps import surface_maps
 from service.runtime.networks import choose_engine
-from service.texture.texture import Texture, depth_map, shape_normals
+from service.texture.texture import Texture
 
 CHART_TOLERANCE = 5e-4
 """Largest difference of texture coordinates, which exporters round to four decimals or more; the head model's closest
@@ -311,10 +311,8 @@ def _padded(subject: Subject, pixels: UInt8) -> UInt8:
 def _texture(source: UInt8, head: HeadModel, vertices: Float32, size: tuple[int, int]) -> Texture:
     """Result of the texture stage at a size (width, height), without what needs a photo."""
     chart = Chart.build(head, *size)
-    exact, tangent = shape_normals(chart, vertices)
-    for name, values in (("normals", exact), ("tangent normals", tangent)):
-        if not np.isfinite(values).all():
-            raise NumericFault(f"{name} of the mesh are not finite")
+    normals = chart.fill_outside(chart.normals(vertices))
+    if not np.isfinite(normals).all():
+        raise NumericFault("normals of the mesh are not finite")
     everywhere = np.full(size[::-1], 255, np.uint8)
-    depth = depth_map(chart, vertices)
-    return Texture(_resized(source, size), everywhere, everywhere, exact, tangent, depth, chart.mask, 1.0)
+    return Texture(_resized(source, size), everywhere, everywhere, normals, chart.mask, 1.0)

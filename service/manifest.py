@@ -1,28 +1,23 @@
 """``manifest.json``: contents and provenance of an archive.
 
 The classes are plain dataclasses, so writing a manifest costs no import of pydantic (0.15 to 0.3 s, a tenth of a whole
-run); pydantic reads the same classes where a manifest has to be checked, and makes the published JSON Schema
-(``docs/manifest.schema.json``) from them.
+run); pydantic makes the published JSON Schema (``docs/manifest.schema.json``) from them.
 
 ``timings_s`` and ``peak_rss_mb`` differ from run to run, whereas the same photo, options and seed give the same archive
-to the byte. So both keys are null unless they are requested.
+to the byte. So both keys are null.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Interval, Len, MinLen
 
-from service.errors import NumericFault, UnreadableInput
-
-if TYPE_CHECKING:
-    from pydantic import TypeAdapter
+from service.errors import NumericFault
 
 SCHEMA_VERSION: Literal["1.0"] = "1.0"
 """Major: a key changed its meaning or was removed; minor: a key was added."""
@@ -468,31 +463,11 @@ def to_json(manifest: Manifest) -> bytes:
         raise NumericFault(f"the manifest would hold a number that is not finite at {_not_finite(content)}") from error
 
 
-def from_json(data: bytes) -> Manifest:
-    """Read and check a manifest.
-
-    Raises:
-        UnreadableInput: not a manifest of this schema; the message lists the first faults.
-    """
-    from pydantic import ValidationError
-
-    try:
-        return _adapter().validate_json(data)
-    except ValidationError as error:
-        faults = [f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors()[:3]]
-        raise UnreadableInput(f"not a manifest of schema {SCHEMA_VERSION}: {'; '.join(faults)}") from error
-
-
 def json_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of ``manifest.json``."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_adapter().json_schema()}
-
-
-@functools.cache
-def _adapter() -> TypeAdapter[Manifest]:
     from pydantic import TypeAdapter
 
-    return TypeAdapter(Manifest)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **TypeAdapter(Manifest).json_schema()}
 
 
 def schema_text() -> str:

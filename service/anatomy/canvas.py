@@ -3,57 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int64, UInt8
+from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int64, UInt8
 from service.colour import linear_to_srgb
-from service.geometry.chart import Chart, chart_points, nearest_inside
+from service.geometry.chart import Chart, nearest_inside
 from service.geometry.raster import rasterise
 from service.head.files import split_polygons
-from service.head.model import HeadModel
 from service.head.regions import lid_edges, vertex_mask
-
-
-@dataclass(frozen=True)
-class PartTexels:
-    """One part's island on a map.
-
-    Attributes:
-        box: its bounding box, slices of the map's rows and columns.
-        inside: (h, w) bool, texels of the box that belong to it.
-        points: (N, 3) float64 metres on the mean head, of the texels inside.
-        vertices: (M, 3) float64 metres, the part's vertices on the mean head.
-    """
-
-    box: tuple[slice, slice]
-    inside: Bool
-    points: Float64
-    vertices: Float64
-
-    @classmethod
-    def of(cls, head: HeadModel, name: str, size: tuple[int, int]) -> PartTexels | None:
-        """On a map of a size (width, height); None where the head has no such part or the map no texel of it."""
-        if name not in head.part_names:
-            return None
-        own = head.triangle_part == head.part_names.index(name)
-        corners, at = head.triangles[own], chart_points(head, *size)[head.triangle_uv[own]]
-        if not len(corners):
-            return None
-        low = np.maximum(np.floor(at.min((0, 1))).astype(int), 0)
-        high = np.minimum(np.ceil(at.max((0, 1))).astype(int) + 1, size)
-        if (high <= low).any():
-            return None
-        flat = at.reshape(-1, 2) - low
-        raster = rasterise(flat, np.zeros(len(flat)), np.arange(len(flat)).reshape(-1, 3), *map(int, high - low))
-        inside = raster.mask
-        if not inside.any():
-            return None
-        hit = head.mean[corners[raster.triangle[inside]]].astype(np.float64)
-        points = np.einsum("nk,nki->ni", raster.barycentric[inside].astype(np.float64), hit)
-        box = (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0])))
-        return cls(box, inside, points, head.mean[np.unique(corners)].astype(np.float64))
 
 
 def part_points(chart: Chart, index: int, texels: Int64) -> tuple[AnyFloat, AnyFloat]:

@@ -109,8 +109,8 @@ class Avatar:
         effects: names of the effects that are simulated in the previews, empty while there are none.
         warnings: stable codes of the run; :meth:`all_warnings` adds those of photo, face, fit and texture.
         drawn, shapes: what was drawn and written of it while its maps were made; None: nothing was.
-        timings_s: seconds per stage; only written to the archive on request, see ``docs/archive.md``.
-        peak_rss_mb: largest resident memory in MiB, written likewise.
+        timings_s: seconds per stage; not written to the archive, see ``docs/archive.md``.
+        peak_rss_mb: largest resident memory in MiB, likewise.
     """
 
     photo: Photo

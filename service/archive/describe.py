@@ -45,9 +45,7 @@ _PNG_HEADER = struct.Struct(">II BB")
 _PNG_CHANNELS = {0: 1, 2: 3, 6: 4}
 
 
-def describe(
-    avatar: Avatar, files: Mapping[str, bytes], parts: Sequence[MeshPart], where: MapFiles, *, timings: bool
-) -> m.Manifest:
+def describe(avatar: Avatar, files: Mapping[str, bytes], parts: Sequence[MeshPart], where: MapFiles) -> m.Manifest:
     """Manifest of an avatar.
 
     Args:
@@ -55,7 +53,6 @@ def describe(
         files: name -> content of the archive, without the manifest itself.
         parts: its ``drawn_parts``.
         where: its ``map_files``.
-        timings: also times and memory, which differ from run to run.
     """
     head, (width, height) = avatar.head, avatar.photo.size
     photo, box = avatar.given is None, avatar.face.box.astype(float).tolist()
@@ -84,8 +81,8 @@ def describe(
         fit=_fit(avatar) if photo else None,
         hair=None if avatar.hair is None else _hair(avatar.hair),
         effects=list(avatar.effects),
-        timings_s={key: round(value, 4) for key, value in avatar.timings_s.items()} if timings else None,
-        peak_rss_mb=avatar.peak_rss_mb if timings else None,
+        timings_s=None,  # differs from run to run, as memory does
+        peak_rss_mb=None,
         models=list(avatar.models),
         warnings=list(avatar.all_warnings()),
         overlay=_overlay(avatar) if photo else None,

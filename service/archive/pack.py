@@ -1,7 +1,7 @@
 """Assemble and write the archive of an avatar.
 
 The same photo, options and seed give the same bytes, so nothing here depends on the clock, and measured times and
-memory are left out unless ``timings`` requests them.
+memory are left out.
 """
 
 from __future__ import annotations
@@ -31,13 +31,12 @@ from service.materials.part import MeshPart, material_of
 from service.runtime.sessions import release
 
 
-def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = False) -> None:
+def write_archive(avatar: Avatar, target: Path | BinaryIO) -> None:
     """Write the archive of ``avatar`` to a file, atomically, or to a binary stream.
 
     Args:
         avatar: the results of one photo.
         target: a path, or a stream that may be a pipe.
-        timings: also write times and memory into the manifest; the bytes then differ from run to run.
 
     Raises:
         OutputFault: the file or the stream could not be written.
@@ -45,7 +44,7 @@ def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = Fa
     """
     gc.collect()
     release()  # hundreds of MiB that the stages left in pieces
-    members = archive_members(avatar, timings=timings)
+    members = archive_members(avatar)
     try:
         if isinstance(target, Path):
             write_file(target, members)
@@ -55,7 +54,7 @@ def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = Fa
         release()  # else fragmented memory accumulates in a process that makes many avatars
 
 
-def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes]:
+def archive_members(avatar: Avatar) -> dict[str, bytes]:
     """Name -> content of every file of the archive; see :func:`write_archive`."""
     with ThreadPoolExecutor(3) as pool:
         drawn = pool.submit(lambda: avatar.drawn or draw(avatar))
@@ -67,7 +66,7 @@ def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes
         own = {f"maps/parts/{name}.png": data for name, data in drawn.result().textures.items()}
         files = packed.result() | written | own
         files |= {"LICENSES.md": licences_text(avatar).encode()} | previews.result()
-    files["manifest.json"] = to_json(describe(avatar, files, parts, maps, timings=timings))
+    files["manifest.json"] = to_json(describe(avatar, files, parts, maps))
     return files
 
 

@@ -40,7 +40,6 @@ class Chart:
     Attributes:
         head: the model (only its topology and chart are used).
         width, height: size of the whole chart in texels.
-        first_row: chart row of this object's row 0; not 0 where the chart is worked on in bands.
         triangle: (H, W) int32 triangle of each texel, -1 outside the islands.
         barycentric: (H, W, 3) float32 weights of its corners.
         part: (H, W) uint8 index into ``head.part_names``, ``NO_PART`` outside.
@@ -50,22 +49,20 @@ class Chart:
     head: HeadModel
     width: int
     height: int
-    first_row: int
     triangle: Int32
     barycentric: Float32
     part: UInt8
     texels: Int64
 
     @classmethod
-    def build(cls, head: HeadModel, width: int, height: int, rows: tuple[int, int] | None = None) -> Chart:
-        """Rasterise the chart, or its rows ``rows[0]`` to ``rows[1] - 1`` only (bit-identical to the whole)."""
-        first, last = rows if rows is not None else (0, height)
+    def build(cls, head: HeadModel, width: int, height: int) -> Chart:
+        """Rasterise the chart."""
         points = chart_points(head, width, height)
-        raster = rasterise(points, np.zeros(len(points)), head.triangle_uv, width, last - first, first_row=first)
+        raster = rasterise(points, np.zeros(len(points)), head.triangle_uv, width, height)
         part = np.full(raster.triangle.shape, NO_PART, np.uint8)
         part[raster.mask] = head.triangle_part[raster.triangle[raster.mask]]
         texels = np.flatnonzero(raster.mask)
-        return cls(head, width, height, first, raster.triangle, raster.barycentric, part, texels)
+        return cls(head, width, height, raster.triangle, raster.barycentric, part, texels)
 
     @property
     def mask(self) -> Bool:

@@ -51,7 +51,6 @@ def rasterise(
     *,
     cull: bool = False,
     perspective: bool = False,
-    first_row: int = 0,
 ) -> Raster:
     """Nearest triangle, barycentric coordinates and depth at every pixel centre.
 
@@ -68,20 +67,19 @@ def rasterise(
         height: rows of the result.
         cull: leave out triangles that run clockwise as seen in the image (backs of outward faces).
         perspective: interpolate as for points projected by division by ``depth``; otherwise linearly in the image.
-        first_row: image row of the result's row 0, to draw an image in bands (bit-identical to drawing it whole).
     """
     points = np.asarray(points_2d, np.float64)
     z = np.asarray(depth, np.float64)
     faces = np.asarray(triangles, np.int64).reshape(-1, 3)
     keep = _usable(points, z, faces, cull, perspective)
-    keep = keep[_touches(points, faces[keep], width, height, first_row)]
+    keep = keep[_touches(points, faces[keep], width, height)]
     faces = faces[keep]
     planes = _Planes.through(points[faces], 1.0 / z[faces] if perspective else z[faces])
 
     buffer = np.full(width * height, _EMPTY, np.uint64)
-    for rows in _spans(planes.corners, width, height, first_row):
-        _draw(buffer, rows, planes, width, first_row, perspective)
-    return _resolve(buffer, planes, keep, width, height, first_row, perspective)
+    for rows in _spans(planes.corners, width, height):
+        _draw(buffer, rows, planes, width, perspective)
+    return _resolve(buffer, planes, keep, width, height, perspective)
 
 
 @dataclass(frozen=True)
@@ -119,14 +117,14 @@ def fragments(
     points, z = np.asarray(points_2d, np.float64), np.asarray(depth, np.float64)
     faces = np.asarray(triangles, np.int64).reshape(-1, 3)
     keep = _usable(points, z, faces, cull=False, perspective=True)
-    keep = keep[_touches(points, faces[keep], width, height, 0)]
+    keep = keep[_touches(points, faces[keep], width, height)]
     planes = _Planes.through(points[faces[keep]], 1.0 / z[faces[keep]])
     none = np.zeros(0, np.int64)
     found = [(none, none, np.zeros((0, 3), np.float32), np.zeros(0, np.float32))]
     limit = None if nearer is None else np.asarray(nearer, np.float32).ravel()
-    for rows in _spans(planes.corners, width, height, 0):
+    for rows in _spans(planes.corners, width, height):
         span, step = _expand(rows.stop - rows.start)
-        pixel, far = _at(rows, planes, span, step, width, 0, True)
+        pixel, far = _at(rows, planes, span, step, width, True)
         if limit is not None:
             shown = np.flatnonzero(far < limit[pixel])
             span, step, pixel, far = span[shown], step[shown], pixel[shown], far[shown]
@@ -161,11 +159,11 @@ def _usable(points: Float64, z: Float64, faces: Int64, cull: bool, perspective: 
     return np.flatnonzero(sound & (area < 0 if cull else area != 0))
 
 
-def _touches(points: Float64, faces: Int64, width: int, height: int, first_row: int) -> Bool:
+def _touches(points: Float64, faces: Int64, width: int, height: int) -> Bool:
     a, b, c = (points[faces[:, i]] for i in range(3))
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     across = (high[:, 0] > 0) & (low[:, 0] < width)
-    return np.asarray(across & (high[:, 1] > first_row) & (low[:, 1] < first_row + height))
+    return np.asarray(across & (high[:, 1] > 0) & (low[:, 1] < height))
 
 
 @dataclass(frozen=True)
@@ -197,7 +195,7 @@ class _Planes:
 
 @dataclass(frozen=True)
 class _Rows:
-    """One entry per triangle and pixel row: triangle, row (in the image), first and one past the last column."""
+    """One entry per triangle and pixel row: triangle, row, first and one past the last column."""
 
     triangle: Int64
     y: Int64
@@ -205,12 +203,12 @@ class _Rows:
     stop: Int64
 
 
-def _spans(corners: Float64, width: int, height: int, first_row: int) -> Iterator[_Rows]:
+def _spans(corners: Float64, width: int, height: int) -> Iterator[_Rows]:
     """All spans, in parts of at most about ``CHUNK`` rows and ``CHUNK`` pixels."""
     order = np.argsort(corners[:, :, 1], 1, kind="stable")
     ordered = np.take_along_axis(corners, order[:, :, None], 1)
-    top = _first_centre(ordered[:, 0, 1], first_row, first_row + height)
-    bottom = _first_centre(ordered[:, 2, 1], first_row, first_row + height)
+    top = _first_centre(ordered[:, 0, 1], 0, height)
+    bottom = _first_centre(ordered[:, 2, 1], 0, height)
     for part in _pieces(bottom - top):
         rows = _cut(ordered[part], top[part], (bottom - top)[part], width)
         for piece in _pieces(rows.stop - rows.start):
@@ -263,19 +261,15 @@ def _expand(counts: Int64) -> tuple[Int64, Int64]:
     return owner, np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]
 
 
-def _draw(
-    buffer: npt.NDArray[np.uint64], rows: _Rows, planes: _Planes, width: int, first_row: int, perspective: bool
-) -> None:
+def _draw(buffer: npt.NDArray[np.uint64], rows: _Rows, planes: _Planes, width: int, perspective: bool) -> None:
     """Lower ``buffer`` to the (depth, triangle) keys of the spans."""
     span, step = _expand(rows.stop - rows.start)
-    pixel, depth = _at(rows, planes, span, step, width, first_row, perspective)
+    pixel, depth = _at(rows, planes, span, step, width, perspective)
     key = (_to_sortable(depth).astype(np.uint64) << np.uint64(32)) | rows.triangle.astype(np.uint64)[span]
     np.minimum.at(buffer, pixel, key)
 
 
-def _at(
-    rows: _Rows, planes: _Planes, span: Int64, step: Int64, width: int, first_row: int, perspective: bool
-) -> tuple[Int64, Float32]:
+def _at(rows: _Rows, planes: _Planes, span: Int64, step: Int64, width: int, perspective: bool) -> tuple[Int64, Float32]:
     """(N,) flat index of each pixel of the spans, and (N,) its depth."""
     corner, slope, value, t = planes.corners[:, 0], planes.slope, planes.value, rows.triangle
     at_start = value[:, 0][t] + slope[:, 0][t] * (rows.start + 0.5 - corner[:, 0][t])
@@ -286,7 +280,7 @@ def _at(
     high = np.maximum(np.maximum(value[:, 0], value[:, 1]), value[:, 2])
     interpolated = np.clip(interpolated, low[t][span], high[t][span])
     depth = (1.0 / interpolated if perspective else interpolated).astype(np.float32)
-    return ((rows.y - first_row) * width + rows.start)[span] + step, depth
+    return (rows.y * width + rows.start)[span] + step, depth
 
 
 def _to_sortable(depth: Float32) -> npt.NDArray[np.uint32]:
@@ -300,13 +294,7 @@ def _from_sortable(bits: npt.NDArray[np.uint32]) -> Float32:
 
 
 def _resolve(
-    buffer: npt.NDArray[np.uint64],
-    planes: _Planes,
-    kept: Int64,
-    width: int,
-    height: int,
-    first_row: int,
-    perspective: bool,
+    buffer: npt.NDArray[np.uint64], planes: _Planes, kept: Int64, width: int, height: int, perspective: bool
 ) -> Raster:
     hit = np.flatnonzero(buffer != _EMPTY)
     key = buffer[hit]
@@ -317,7 +305,7 @@ def _resolve(
     triangle[hit] = kept[local]
     nearest[hit] = _from_sortable((key >> np.uint64(32)).astype(np.uint32))
     row, column = np.divmod(hit, width)
-    x, y = (column + 0.5).astype(np.float64), (row + (first_row + 0.5)).astype(np.float64)
+    x, y = (column + 0.5).astype(np.float64), (row + 0.5).astype(np.float64)
     weights[hit] = _barycentric(planes, local, x, y, perspective)
     return Raster(triangle.reshape(height, width), weights.reshape(height, width, 3), nearest.reshape(height, width))
 

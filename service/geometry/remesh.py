@@ -1,6 +1,6 @@
 """Meshes with more triangles, and with fewer.
 
-More: Catmull-Clark subdivision of quads and triangles, triangles split in four or cut along a line.
+More: Catmull-Clark subdivision of quads and triangles, triangles split in four.
 
 Fewer: half-edge collapses with quadric errors (Garland and Heckbert 1997), many at a time. A collapse moves one vertex
 onto a neighbour, so what is left is a subset of the vertices, and whatever they carry stays right. A vertex at a cut of
@@ -137,38 +137,6 @@ def split_in_four(columns: Float64, triangles: Int64, chosen: Bool) -> tuple[Flo
     return np.concatenate([columns, columns[unique].mean(1)]), result
 
 
-def clipped(columns: Float64, triangles: Int64, field: Float64) -> tuple[Float64, Int64]:
-    """What of triangles lies where a field (N,) over the vertices, linear between them, is above 0.
-
-    Vertices that nothing uses any more are left out.
-    """
-    above = field[triangles] > 0
-    count = above.sum(1)
-    kept = [triangles[count == 3]]
-    made = [columns]
-    total = len(columns)
-
-    def on_edge(inner: Int64, outer: Int64) -> Int64:
-        nonlocal total
-        share = field[inner] / np.maximum(field[inner] - field[outer], 1e-12)
-        made.append(columns[inner] + share[:, None] * (columns[outer] - columns[inner]))
-        total += len(inner)
-        return np.arange(total - len(inner), total)
-
-    one = triangles[count == 1]
-    turned = np.take_along_axis(one, (np.argmax(above[count == 1], 1)[:, None] + np.arange(3)) % 3, 1)
-    a, b, c = turned.T
-    kept.append(np.stack([a, on_edge(a, b), on_edge(a, c)], 1))
-    two = triangles[count == 2]
-    turned = np.take_along_axis(two, (np.argmin(above[count == 2], 1)[:, None] + np.arange(3)) % 3, 1)
-    a, b, c = turned.T
-    ab, ac = on_edge(b, a), on_edge(c, a)
-    kept += [np.stack([ab, b, c], 1), np.stack([ab, c, ac], 1)]
-    every = np.concatenate(kept)
-    used, place = np.unique(every, return_inverse=True)
-    return np.concatenate(made)[used], place.reshape(-1, 3)
-
-
 @dataclass(frozen=True)
 class _Edges:
     """Directed edges (E,) from a vertex to a neighbour onto which it may go."""
@@ -177,9 +145,7 @@ class _Edges:
     end: Int64
 
 
-def collapsed(
-    points: Sequence[AnyFloat], triangles: AnyInt, vertex: AnyInt, wanted: Sequence[int]
-) -> list[Int64]:
+def collapsed(points: Sequence[AnyFloat], triangles: AnyInt, vertex: AnyInt, wanted: Sequence[int]) -> list[Int64]:
     """For each number wanted (M, 3) triangles, about as many or as few as the topology allows.
 
     Args:

@@ -114,13 +114,12 @@ def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands:
         strands: of a full head.
         seed: of all that is random.
     """
-    name, none = asked.style if isinstance(asked.style, str) else "custom", np.zeros(0, np.float32)
     skin, sight, matches = seen.skin, seen.sight, seen.matches
     kinds = {} if matches is None else matches.kinds(read_bank())
     if skin is None or seen.without:
         kinds = {seen.without: 1.0} if matches is not None else {}
         why = ("hair-not-for-this-head",) if skin is None and asked.style != NONE else ()
-        return WornHair(name, None, seen.without, kinds, none, doubts=why)
+        return WornHair(None, seen.without, kinds, np.zeros(0, np.float32), doubts=why)
     person = USUAL_SKIN if fit.cheek is None else np.asarray(srgb_to_linear(fit.cheek), np.float32)
     if seen.read is None or sight is None or matches is None:
         style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
@@ -138,7 +137,7 @@ def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands:
     if matches is not None:
         doubts += ("hair-style-poor",) if agreement < POOR else ()
         doubts += ("hair-kind-doubtful",) if kinds.get(kind, 0.0) < DOUBTFUL else ()
-    return _coloured(WornHair(name, groom, kind, kinds, shown, agreement, doubts), photo, sight, person, asked, seed)
+    return _coloured(WornHair(groom, kind, kinds, shown, agreement, doubts), photo, sight, person, asked, seed)
 
 
 def _asked_style(asked: AskedHair) -> Style | None:

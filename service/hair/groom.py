@@ -39,8 +39,6 @@ class Groom:
         strands: (N, P, 3) float32 metres in the frame of the head at rest, root first.
         root_uv: (N, 2) float32 in [0, 1], place of the roots on the head's chart, origin bottom left.
         lock: (N,) int32 number of the lock that a strand belongs to.
-        guide: (N,) int32 index of the guide that is nearest to a strand's root.
-        guides: (G, 32, 3) float32 metres.
         colour: of the strands.
     """
 
@@ -48,8 +46,6 @@ class Groom:
     strands: Float32
     root_uv: Float32
     lock: Int32
-    guide: Int32
-    guides: Float32
     colour: HairColour
 
     def __len__(self) -> int:
@@ -59,11 +55,11 @@ class Groom:
         """Those of a mask (N,) or an index (M,), with points (M, P, 3) in the place of theirs."""
         return replace(
             self, strands=np.asarray(strands, np.float32), root_uv=self.root_uv[kept], lock=self.lock[kept],
-            guide=self.guide[kept], colour=self.colour.chosen(kept),
+            colour=self.colour.chosen(kept),
         )  # fmt: skip
 
     def joined(self, strands: Float32, root_uv: Float32, like: Int64) -> Groom:
-        """With more strands (M, P, 3), whose lock, guide and colour are those of the strands (M,) ``like``."""
+        """With more strands (M, P, 3), whose lock and colour are those of the strands (M,) ``like``."""
         index = np.concatenate([np.arange(len(self)), like])
         whole = self.chosen(self.strands[index], index)
         return replace(
@@ -94,22 +90,21 @@ def make_groom(
     roots = grown(skin.roots(strands, rng), style, rng)
     roots = roots.chosen(rng.random(len(roots)) < style.density)
     if not len(guide_roots) or not len(roots):
-        none, number = np.zeros((0, GUIDE_POINTS, 3), np.float32), np.zeros(0, np.int32)
-        colour = HairColour.of(style.melanin, 0, rng)
-        return Groom(style, none, none[:, 0, :2], number, number, none, colour)
+        none, colour = np.zeros((0, GUIDE_POINTS, 3), np.float32), HairColour.of(style.melanin, 0, rng)
+        return Groom(style, none, none[:, 0, :2], np.zeros(0, np.int32), colour)
     guides = grow_guides(style, guide_roots, skin, rng, wish)
-    points, lock, guide = _between(style, guide_roots, guides, roots, skin, rng)
+    points, lock = _between(style, guide_roots, guides, roots, skin, rng)
     points = _curled(style, points, lock, rng)
     points = _wandering(style, points, rng)
     inner = skin.over_ears.pushed(points[:, 1:], CLEARANCE_M, SHOVED_M)
     points = np.concatenate([points[:, :1], inner], 1).astype(np.float32)
-    return Groom(style, points, roots.uv, lock, guide, guides, HairColour.of(style.melanin, len(points), rng))
+    return Groom(style, points, roots.uv, lock, HairColour.of(style.melanin, len(points), rng))
 
 
 def _between(
     style: Style, guide_roots: Roots, guides: Float32, roots: Roots, skin: Scalp, rng: np.random.Generator
-) -> tuple[Float32, Int32, Int32]:
-    """Strands (N, P, 3) as blends of near guides, drawn together in locks; each strand's lock and nearest guide.
+) -> tuple[Float32, Int32]:
+    """Strands (N, P, 3) as blends of near guides, drawn together in locks; and each strand's lock.
 
     A strand keeps to guides of its own part of the hair (:func:`groups`).
     """
@@ -148,7 +143,7 @@ def _between(
     hold = (pressed * style.clump * share**1.3)[None] * np.where(rng.random(len(roots)) < style.flyaways, 0, 1)[:, None]
     strands = strands + hold[..., None] * (middle[lock] - strands)
     trim = rng.uniform(0.90, 1.0, len(roots)).astype(np.float32)
-    return resampled(np.asarray(strands, np.float32), trim, points), lock, index[:, 0].astype(np.int32)
+    return resampled(np.asarray(strands, np.float32), trim, points), lock
 
 
 def _points(style: Style, length: float) -> int:

@@ -22,7 +22,6 @@ class WornHair:
     """Hair of one photo: what the stage "hair" hands on.
 
     Attributes:
-        asked: the option ``hair``.
         groom: strands on the fitted head at rest, in their colour; None on a head that wears none.
         kind: what one would call it, a key of ``kinds`` or, where it was asked for, the name of a style.
         kinds: probability of each kind in [0, 1], sum 1; empty where nothing was read.
@@ -32,7 +31,6 @@ class WornHair:
         in_photo_light: whether the colour of the strands still has the photo's light in it.
     """
 
-    asked: str
     groom: Groom | None
     kind: str
     kinds: dict[str, float]

@@ -63,9 +63,7 @@ class Lamp:
         irradiance: (S, K, 3) on the diffuse normals, without occlusion.
         facing_irradiance: (K, 3) on a surface that faces the light.
         seen, least, most: (K,) visible share of the light, estimate and extremes over nearby directions.
-        towards: (K, 3) unit; ``size`` (K,) sine of the ball's angular radius.
         relief, lowest: (P, K) share not shadowed by the fine relief, estimate and the lower of two azimuths.
-        n_l: (K,) cosine on the diffuse normal.
     """
 
     irradiance: Float64
@@ -73,11 +71,8 @@ class Lamp:
     seen: Float64
     least: Float64
     most: Float64
-    towards: Float64
-    size: Float64
     relief: Float64
     lowest: Float64
-    n_l: Float64
 
     @classmethod
     def of(cls, light: PointLight, s: SurfaceSamples, directions: Float64) -> Lamp:
@@ -87,13 +82,12 @@ class Lamp:
         towards = offset / distance[..., None]
         fall = 1.0 / np.maximum(distance**2, max(light.radius_m**2, _NEAREST_M**2))
         size = np.clip(light.radius_m / np.maximum(distance, _NEAREST_M), 1e-6, 1.0)
-        n_l = np.einsum("skx,skx->sk", towards, s.diffuse_normal)
         light_at = fall[..., None] * np.asarray(light.intensity)
-        points = {"position": 1000.0 * s.position, "normal": s.diffuse_normal, "shade": np.ones_like(n_l)}
+        points = {"position": 1000.0 * s.position, "normal": s.diffuse_normal, "shade": np.ones(distance.shape)}
         irradiance_at = _computed("irradiance", points, **lamp_numbers(light))
         shadow = _shadow(towards[0], size[0], s, directions)
         relief = _relief(towards[0], s)
-        return cls(irradiance_at, light_at[0], *shadow, towards[0], size[0], *relief, n_l[0])
+        return cls(irradiance_at, light_at[0], *shadow, *relief)
 
 
 _VECTORS = ("position", "normal", "view")

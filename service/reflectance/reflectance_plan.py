@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from service.map_registry import maps_made_by, needed_stage
+from service.map_registry import needed_stage
 from service.runtime.network_registry import networks_of
 
 
@@ -31,9 +31,6 @@ STAGES = {
     "displacement": PlannedStage(("specular_normal",), 8.0),
 }
 """In the order in which they run."""
-
-ROLES = maps_made_by("networks")
-"""Maps that are results of stages, by whose names they go."""
 
 
 @dataclass(frozen=True)

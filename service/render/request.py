@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
@@ -95,9 +94,6 @@ class RenderRequest(Checked):
                 f"{self.samples**2} samples; at most {LARGEST_PIXELS} are computed",
                 field="size",
             )
-
-
-FIELDS = tuple(field.name for field in fields(RenderRequest))
 
 
 def parse_request(values: Mapping[str, Any]) -> RenderRequest:

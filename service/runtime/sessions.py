@@ -20,7 +20,6 @@ import ctypes
 import hashlib
 import importlib.util
 import json
-import logging
 import os
 import sys
 from collections.abc import Iterator, Mapping
@@ -147,8 +146,6 @@ def glibc() -> Any:
 MODELS = Path(str(files("service"))) / "data" / "models"
 TABLE = "models.json"
 
-log = logging.getLogger(__name__)
-
 
 class Session:
     """One loaded network.
@@ -252,7 +249,13 @@ def load_session(name: str, threads: int = 2, folder: Path = MODELS, *, in_order
 
 
 def native_session(
-    name: str, data: bytes, threads: int, folder: Path = MODELS, *, optimise: bool = True, in_order: bool = False,
+    name: str,
+    data: bytes,
+    threads: int,
+    folder: Path = MODELS,
+    *,
+    optimise: bool = True,
+    in_order: bool = False,
     accelerator: str = "",
 ) -> Any:
     """Session of onnxruntime for checked bytes, without a memory arena (it would keep the largest input for ever).
@@ -285,23 +288,6 @@ def native_session(
     if missing := [one for one in providers if one not in session.get_providers()]:  # it falls back without a word
         raise ModelFault(f"{folder / name}: onnxruntime cannot use {', '.join(missing)}: are its libraries there?")
     return session
-
-
-def fold(name: str, data: bytes, target: Path, folder: Path = MODELS) -> None:
-    """Write the graph with what is constant computed and weights as float32, for tools that look for weights.
-
-    Raises:
-        ModelFault: the runtime cannot load the graph.
-    """
-    ort = _runtime()
-    options = ort.SessionOptions()
-    options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_ENABLE_BASIC
-    options.log_severity_level = 3
-    options.optimized_model_filepath = str(target)
-    try:
-        ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # the runtime's own exception types are not public
-        raise ModelFault(f"{folder / name}: the runtime cannot load this model ({error})") from error
 
 
 @lru_cache(maxsize=1)

@@ -78,10 +78,6 @@ class Texture:
         lit_skin: (H, W) uint8, 255 where the texel is skin of the photo, seen or mirrored, so that the light can be
             measured on it; 0 where it is hair, glasses, background or inpainted.
         shape_normal_object: (H, W, 3) float32 unit normals of the head with the photo's expression, in head space.
-        shape_normal_tangent: (H, W, 3) float32 unit, z > 0, +Y up: the same normals in the tangent frame of the
-            smoothed head (``service.texture.texture``): they show nose and lips, but not the overall form of the
-            head.
-        depth: (H, W) float32 metres: z of the surface in head space, which grows towards the front of the face.
         mask: (H, W) bool, True inside the islands.
         visible_fraction: share of the face region's area that the photo shows, in [0, 1].
         warnings: stable codes: ``little-seen`` when less than a quarter of the face is visible, ``glasses-removed``
@@ -98,8 +94,6 @@ class Texture:
     confidence: UInt8
     lit_skin: UInt8
     shape_normal_object: Float32
-    shape_normal_tangent: Float32
-    depth: Float32
     mask: Bool
     visible_fraction: float
     warnings: tuple[str, ...] = field(default=())
@@ -210,14 +204,12 @@ class Unwrappings:
         zones: of the inner texels (N,).
         sights: of each photo what it shows, the parts (N, 13) read there, and (N,) how far strands and rims hide the
             head, or darkness its colour; 0 where nothing was read.
-        normals: of ``shape_normals``.
-        depth: of ``depth_map``.
+        normals: (H, W, 3) float32 unit, of the head in head space, continued beyond the islands.
     """
 
     zones: Zones
     sights: tuple[tuple[Unwrapped, Float32, Float32], ...]
-    normals: tuple[Float32, Float32]
-    depth: Float32
+    normals: Float32
 
     @classmethod
     def of(cls, chart: Chart, views: Sequence[tuple[Photo, Fit, Reading | None]]) -> Unwrappings:
@@ -230,7 +222,7 @@ class Unwrappings:
             _require_finite(fit)
         zones, vertices = Zones.of(chart), views[0][1].vertices
         sights = tuple(_sight(chart, zones, *view) for view in views)
-        return cls(zones, sights, shape_normals(chart, vertices), depth_map(chart, vertices))
+        return cls(zones, sights, chart.fill_outside(chart.normals(vertices)))
 
 
 def make_texture(
@@ -273,8 +265,7 @@ def make_texture(
         shadow = root_shadow(chart, None if reading is None else part, weight, zones)
         roots = to_bytes(chart.fill_outside(chart.spread(shadow[:, None])[..., 0]))
 
-    (exact, tangent), depth = known.normals, known.depth
-    for name, values in (("texture", texture), ("normals", exact), ("tangent normals", tangent), ("depth", depth)):
+    for name, values in (("texture", texture), ("normals", known.normals)):
         if not np.isfinite(values).all():
             raise NumericFault(f"the {name} map has {int((~np.isfinite(values)).sum())} values that are not finite")
     fraction = visible_fraction(chart, fit, unwrapped, zones)
@@ -288,7 +279,7 @@ def make_texture(
     warnings = tuple(name for name, true in doubts.items() if true)
     warnings += () if reading is None else worn_before(part, weight, zones)
     return Texture(
-        to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings,
+        to_bytes(texture), code, shown, known.normals, chart.mask, fraction, warnings,
         to_bytes(parts.albedo), parts.iris, parts.tooth, roots,
         _per_photo(chart, layers, mixed, parts.colour, [one for _, one, _ in views]) if others else (),
     )  # fmt: skip

@@ -54,14 +54,12 @@ class Unwrapped:
         colour: (N, 3) float32 sRGB in [0, 1]; 0 where ``weight`` is 0.
         weight: (N,) float32 in [0, 1]: squared cosine of the viewing angle, less near outlines and occlusion edges.
         visible: (N,) bool: in the photo, facing the camera and not occluded by the head.
-        normal: (N, 3) float32 unit normals in head space.
         position: (N, 3) float32 metres, head space.
     """
 
     colour: Float32
     weight: Float32
     visible: Bool
-    normal: Float32
     position: Float32
 
 
@@ -87,7 +85,7 @@ def unwrap(photo: Photo, fit: Fit, chart: Chart) -> Unwrapped:
     colour = np.zeros((len(position), 3), np.float32)
     shown = np.flatnonzero(weight[front] > 0)
     colour[front[shown]] = _read(photo, fit, chart, pixel[shown], front[shown])
-    return Unwrapped(colour, weight, visible, normal, position)
+    return Unwrapped(colour, weight, visible, position)
 
 
 def _read(photo: Photo, fit: Fit, chart: Chart, pixel: Float64, chosen: Int64) -> Float32:

@@ -8,9 +8,9 @@ import pytest
 
 from service import budget
 from service.budget import OVER_BUDGET, NetworkSpeed, Speed, estimate_seconds, measure_speed, within_budget
-from service.map_registry import MAP_NAMES
+from service.map_registry import MAP_NAMES, maps_made_by
 from service.options import Options
-from service.reflectance.reflectance_plan import ROLES, ReflectancePlan
+from service.reflectance.reflectance_plan import ReflectancePlan
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import toy_folder
 
@@ -35,7 +35,7 @@ def seconds(**asked: object) -> float:
 
 
 def test_the_measurement_covers_every_network(tmp_path: Path) -> None:
-    networks = ReflectancePlan.of(ROLES).networks
+    networks = ReflectancePlan.of(maps_made_by("networks")).networks
     speed = measure_speed(Engine(threads=1, folder=toy_folder(tmp_path)), networks)
     assert set(speed.networks) == set(networks)
     assert {name for name, one in speed.networks.items() if one.tiles is None} == {"zeta_body", "delta_context"}

@@ -14,10 +14,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from service.anatomy.canvas import PartTexels
-from service.arrays import Float32
+from service.arrays import Float32, UInt8
 from service.colour import FULL_CODE, LUMA, Codes, srgb_to_linear
-from service.geometry.chart import NO_PART, nearest_inside
+from service.geometry.chart import NO_PART, chart_points, nearest_inside
+from service.geometry.raster import rasterise
+from service.head.model import HeadModel
 from service.image_filters import blurred, by_strips, each_around, shrunk
 from service.reflectance.albedo.albedo_prior import DARKEST, AlbedoPrior
 from service.reflectance.albedo.corrections import ChartLight, LightCorrection
@@ -110,6 +111,24 @@ def close_seam(albedo: Codes, subject: Subject) -> Codes:
     return albedo
 
 
+def part_island(
+    head: HeadModel, part: int, size: tuple[int, int], reach: int
+) -> tuple[tuple[slice, slice], UInt8] | None:
+    """Rows and columns of a map (width, height) up to ``reach`` texels around a part's island, and there (h, w) 1
+    within it; None where the map has no texel of it.
+    """
+    at = chart_points(head, *size)[head.triangle_uv[head.triangle_part == part]].reshape(-1, 2)
+    if not len(at):
+        return None
+    low = np.maximum(np.floor(at.min(0)).astype(int) - reach, 0)
+    high = np.minimum(np.ceil(at.max(0)).astype(int) + 1 + reach, size)
+    if (high <= low).any():
+        return None
+    raster = rasterise(at - low, np.zeros(len(at)), np.arange(len(at)).reshape(-1, 3), *map(int, high - low))
+    box = slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+    return (box, raster.mask.astype(np.uint8)) if raster.mask.any() else None
+
+
 def pad_parts(albedo: Codes, subject: Subject) -> Codes:
     """The albedo, changed in place: texels beside the islands of eyes and teeth take the colour of the nearest inside.
 
@@ -121,14 +140,10 @@ def pad_parts(albedo: Codes, subject: Subject) -> Codes:
     names, reach = subject.head.part_names, margin(width) + 1
     islands = subject.islands((width, height))
     for index, name in enumerate(names):
-        place = PartTexels.of(subject.head, name, (width, height)) if name.startswith(("eye", "teeth")) else None
-        if place is None:
+        at = part_island(subject.head, index, (width, height), reach) if name.startswith(("eye", "teeth")) else None
+        if at is None:
             continue
-        ends = zip(place.box, (height, width), strict=True)
-        box = tuple(slice(max(one.start - reach, 0), min(one.stop + reach, most)) for one, most in ends)
-        inside = np.zeros(albedo[box].shape[:2], np.uint8)
-        top, left = (one.start - wide.start for one, wide in zip(place.box, box, strict=True))
-        inside[top : top + place.inside.shape[0], left : left + place.inside.shape[1]] = place.inside
+        box, inside = at
         near = np.asarray(cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)) <= reach
         beside = (inside == 0) & near & np.isin(islands[box], (NO_PART, index))
         albedo[box][beside] = albedo[box].reshape(-1, 3)[nearest_inside(inside > 0)[beside]]

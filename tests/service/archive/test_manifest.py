@@ -14,8 +14,8 @@ from service import manifest as schema
 from service.archive.describe import describe
 from service.archive.maps import MapFiles
 from service.archive.pack import archive_members
-from service.errors import NumericFault, UnreadableInput
-from service.manifest import from_json, json_schema, to_json
+from service.errors import NumericFault
+from service.manifest import json_schema, to_json
 from tests.service.archive.toys import toy_avatar
 
 SCHEMA = json_schema()
@@ -38,10 +38,10 @@ def test_manifests_validate_against_the_published_schema(written: dict[str, Any]
     jsonschema.validate(written, published)
     bare = toy_avatar(similarity=None)
     bare = replace(bare, fit=replace(bare.fit, light=None, inter_ocular_px=0.0))
-    content = json.loads(archive_members(bare, timings=True)["manifest.json"])
+    content = json.loads(archive_members(bare)["manifest.json"])
     jsonschema.validate(content, published)
     assert content["fit"]["landmark_rms_iod"] is None, "no division by an unknown distance"
-    assert content["timings_s"] == {"decode": 0.1} and content["peak_rss_mb"] == 321.0
+    assert content["timings_s"] is content["peak_rss_mb"] is None, "they differ from run to run"
 
 
 @pytest.mark.parametrize(
@@ -60,13 +60,11 @@ def test_the_schema_refuses_what_is_wrong(written: dict[str, Any], path: tuple[A
     at[path[-1]] = value
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(content, SCHEMA)
-    with pytest.raises(UnreadableInput, match=r"not a manifest of schema 1\.0"):
-        from_json(json.dumps(content).encode())
 
 
 def test_a_number_that_is_not_finite_is_named() -> None:
     avatar = toy_avatar()
     broken = replace(avatar, fit=replace(avatar.fit, landmark_rms_px=float("nan")))
-    manifest = describe(broken, {}, (), MapFiles(()), timings=False)
+    manifest = describe(broken, {}, (), MapFiles(()))
     with pytest.raises(NumericFault, match=r"\$\.fit\.landmark_rms_px"):
         to_json(manifest)

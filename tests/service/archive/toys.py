@@ -43,8 +43,8 @@ def toy_texture(width: int = 96, height: int = 64) -> Texture:
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     confidence = np.tile(np.repeat(np.array([255, 128, 0, 64], np.uint8), height // 4)[:, None], (1, width))
     colour = rng.integers(0, 256, (height, width, 3), np.uint8)
-    flat, mask = np.zeros((height, width), np.float32), np.ones((height, width), bool)
-    return Texture(colour, confidence, confidence, normals, normals, flat, mask, 0.7, ("little-seen",))
+    mask = np.ones((height, width), bool)
+    return Texture(colour, confidence, confidence, normals, mask, 0.7, ("little-seen",))
 
 
 def toy_camera() -> Camera:

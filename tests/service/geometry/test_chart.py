@@ -74,14 +74,6 @@ def test_chart_is_mirror_symmetric(chart: Chart) -> None:
     assert np.abs(mirrored_map(position) * [-1, 1, 1] - position)[both].max() < 2e-3
 
 
-def test_bands_are_the_whole(chart: Chart) -> None:
-    for first in (0, 48, 96):
-        band = Chart.build(chart.head, WIDTH, HEIGHT, (first, first + 32))
-        assert np.array_equal(band.triangle, chart.triangle[first : first + 32])
-        assert np.array_equal(band.barycentric, chart.barycentric[first : first + 32])
-        assert np.array_equal(band.normals(chart.head.mean), chart.normals(chart.head.mean)[first : first + 32])
-
-
 def test_frame_survives_a_collapsed_head(chart: Chart) -> None:
     """All vertices in one point: no normals, no tangents, no area. Nothing may become NaN."""
     flat = np.zeros_like(chart.head.mean)

@@ -108,15 +108,6 @@ def test_sliver_that_is_almost_a_line_keeps_weights_and_depth_in_range() -> None
     assert ((raster.depth[raster.mask] >= 1) & (raster.depth[raster.mask] <= 3)).all()
 
 
-def test_bands_are_the_whole_to_the_bit() -> None:
-    points, depth, triangles = _random_soup(3)
-    whole = rasterise(points, depth, triangles, 50, 40)
-    for first in range(0, 40, 8):
-        band = rasterise(points, depth, triangles, 50, 8, first_row=first)
-        for name in ("triangle", "barycentric", "depth"):
-            assert np.array_equal(getattr(band, name), getattr(whole, name)[first : first + 8])
-
-
 def test_layers_are_composited_as_one_by_one() -> None:
     rng = np.random.default_rng(1)
     pixel = np.sort(rng.integers(0, 20, 200))

@@ -1,4 +1,3 @@
-
 from __future__ import annotations
 
 import numpy as np
@@ -6,7 +5,7 @@ import pytest
 
 from service.arrays import Float64, Int64
 from service.geometry.mesh import face_normals
-from service.geometry.remesh import Subdivision, clipped, split_in_four
+from service.geometry.remesh import Subdivision, split_in_four
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 CUBE_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
@@ -42,15 +41,9 @@ def area(points: Float64, triangles: Int64) -> float:
     return 0.5 * float(np.abs(np.cross(second - first, third - first)[:, 2]).sum())
 
 
-def test_a_triangle_is_cut_along_the_line_and_split_in_four() -> None:
+def test_a_triangle_is_split_in_four() -> None:
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
     both = np.array([[0, 1, 2], [1, 3, 2]])
-    for x in (0.25, 0.6):
-        points, triangles = clipped(corners, both, x - corners[:, 0])
-        assert area(points, triangles) == pytest.approx(x)
-        assert points[:, 0].max() == pytest.approx(x)
     points, triangles = split_in_four(corners, both, np.array([True, False]))
     assert len(triangles) == 5 and area(points, triangles) == pytest.approx(1.0)
     assert (triangles[-1] == both[1]).all(), "order stays"
-    nothing, none = clipped(corners, both, -np.ones(4))
-    assert len(none) == 0 and len(nothing) == 0

@@ -87,7 +87,7 @@ def test_the_cap_is_closed_where_hair_is_full(made: tuple[Groom, tuple[MeshPart,
 def test_hair_without_the_photos_light_keeps_its_parts_together() -> None:
     groom = make_groom(NAMED["bob"], 3, 1500)
     parts = hair_parts(groom, mean_scalp(), SMALL)
-    worn = WornHair("bob", groom, "bob", {}, np.ones(len(groom), np.float32), in_photo_light=True)
+    worn = WornHair(groom, "bob", {}, np.ones(len(groom), np.float32), in_photo_light=True)
     other, unlit = hair_in_albedo(worn, parts, np.array([0.5, 0.6, 0.8], np.float32))
     check_parts(unlit, [])
     assert not other.in_photo_light
@@ -98,7 +98,7 @@ def test_hair_without_the_photos_light_keeps_its_parts_together() -> None:
 
 def test_a_red_lamp_on_the_face_does_not_turn_brown_hair_green() -> None:
     groom = make_groom(NAMED["bob"], 3, 400)
-    worn = WornHair("bob", groom, "bob", {}, np.ones(len(groom), np.float32), in_photo_light=True)
+    worn = WornHair(groom, "bob", {}, np.ones(len(groom), np.float32), in_photo_light=True)
     other, _ = hair_in_albedo(worn, hair_parts(groom, mean_scalp(), SMALL), np.array([0.4, 2.0, 1.6], np.float32))
     assert other.groom is not None and not other.groom.colour.dyed
     red, green, blue = np.median(other.groom.colour.linear().reshape(-1, 3), 0)
@@ -107,6 +107,6 @@ def test_a_red_lamp_on_the_face_does_not_turn_brown_hair_green() -> None:
 
 def test_a_head_without_strands_wears_nothing() -> None:
     bald = make_groom(NAMED["crop"], 3, 1)
-    fields = (bald.strands[:0], bald.root_uv[:0], bald.lock[:0], bald.guide[:0], bald.guides[:0], bald.colour)
+    fields = (bald.strands[:0], bald.root_uv[:0], bald.lock[:0], bald.colour)
     none = Groom(bald.style, *fields)
     assert hair_parts(none, mean_scalp(), SMALL) == ()

@@ -224,7 +224,7 @@ def test_brown_hair_under_a_blue_sky_is_brown() -> None:
     seen = photographed(NAMED["crop"], 3, HEAD, strands=50)
     colour = as_absorbed(np.broadcast_to(np.array([0.058, 0.045, 0.047], np.float32), (len(seen.groom), KNOTS, 3)))
     groom = dataclasses.replace(seen.groom, colour=colour)
-    worn = WornHair("auto", groom, "crop", {}, np.ones(len(groom), np.float32), in_photo_light=True)
+    worn = WornHair(groom, "crop", {}, np.ones(len(groom), np.float32), in_photo_light=True)
     made = hair_in_albedo(worn, (), np.array([1.72, 1.7, 1.49], np.float32))[0].groom
     assert made is not None and not made.colour.dye.any()
 

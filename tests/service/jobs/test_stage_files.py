@@ -18,6 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from pydantic import TypeAdapter
 
 from service.jobs import stage_files as packing
 from service.jobs.artifacts import Artifacts
@@ -69,7 +70,7 @@ def test_a_job_that_gets_by_with_less_memory_makes_the_same_maps_and_says_so(tmp
     from service.archive.pack import write_archive
     from service.diagnosis import SAMPLE
     from service.jobs.avatar_process import options_from
-    from service.manifest import from_json
+    from service.manifest import Manifest
     from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
     from service.stage_cache import NoCache, StageCache
 
@@ -81,7 +82,7 @@ def test_a_job_that_gets_by_with_less_memory_makes_the_same_maps_and_says_so(tmp
         stream = io.BytesIO()
         write_archive(pipeline.make_avatar(SAMPLE.read_bytes(), options, stages=kept, tile=tile), stream)
         found.append(zipfile.ZipFile(stream))
-    tight, usual = (from_json(archive.read("manifest.json")) for archive in found)
+    tight, usual = (TypeAdapter(Manifest).validate_json(archive.read("manifest.json")) for archive in found)
     assert pipeline.SMALL_TILES in tight.warnings
     assert pipeline.SMALL_TILES not in usual.warnings
     assert tight.reflectance is not None

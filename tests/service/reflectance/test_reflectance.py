@@ -12,10 +12,11 @@ import numpy.typing as npt
 import pytest
 
 from service.errors import ModelFault, NumericFault
+from service.map_registry import maps_made_by
 from service.reflectance.planes import interpolated
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import MID, Reflectance, unpack_normals
-from service.reflectance.reflectance_plan import ROLES, ReflectancePlan
+from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.subject import Subject
 from service.runtime.networks import Engine
 from service.runtime.tiles import reflected
@@ -23,7 +24,7 @@ from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_subje
 from tests.service.runtime.toynets import toy_net, write_models
 
 SIZE = (240, 160)
-ALL = ReflectancePlan.of(ROLES)
+ALL = ReflectancePlan.of(maps_made_by("networks"))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -50,7 +51,7 @@ def made(engine: Engine, subject: Subject) -> Reflectance:
 
 
 def maps(made: Reflectance) -> dict[str, npt.NDArray[Any]]:
-    return {name: getattr(made, name) for name in ROLES if getattr(made, name) is not None}
+    return {name: getattr(made, name) for name in maps_made_by("networks") if getattr(made, name) is not None}
 
 
 @pytest.mark.parametrize("tile", [40, 100, 5000])

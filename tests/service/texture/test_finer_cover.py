@@ -30,9 +30,7 @@ def seen(colour: Float32) -> Unwrapped:
     """All is seen squarely."""
     noise = np.random.default_rng(0).normal(0, 0.01, colour.shape).astype(np.float32)
     shown = np.ones(COUNT, np.float32)
-    return Unwrapped(
-        colour + noise, shown, shown > 0, np.zeros((COUNT, 3), np.float32), np.zeros((COUNT, 3), np.float32)
-    )
+    return Unwrapped(colour + noise, shown, shown > 0, np.zeros((COUNT, 3), np.float32))
 
 
 def parts(**shares: Float32) -> Float32:

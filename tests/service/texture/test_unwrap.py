@@ -101,7 +101,7 @@ def test_a_sliver_of_neck_between_jaw_and_collar_is_not_taken(share: float, kept
 def test_everything_hidden_still_gives_a_head() -> None:
     """No texel is seen: means over nothing must not become NaN."""
     texture = make_texture(photograph(HEAD, CAMERA, plain(TONE)), HEAD, FIT, CHART, reading=reading(HAT, False))
-    assert np.isfinite(texture.depth).all() and "little-seen" in texture.warnings
+    assert np.isfinite(texture.shape_normal_object).all() and "little-seen" in texture.warnings
 
 
 Array = npt.NDArray[np.float64]

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from service.anatomy.canvas import PartTexels
 from service.colour import FULL_CODE, LUMA, linear_to_srgb, srgb_to_linear
 from service.face.features.eye_colours import SCLERA
 from service.geometry.chart import NO_PART
 from service.head.files import load_head
 from service.light.scene import BRIGHT
-from service.reflectance.albedo.beside_skin import as_told, close_seam, pad_parts, pad_skin, scaled
+from service.reflectance.albedo.beside_skin import as_told, close_seam, pad_parts, pad_skin, part_island, scaled
 from service.reflectance.albedo.diffuse_albedo import EXPOSED, asked, exposure, without
 from service.reflectance.planes import Planes
 from service.reflectance.subject import Subject
@@ -107,11 +106,12 @@ def test_teeth_and_eyes_go_on_beyond_their_islands_and_no_other_island_changes()
     part = subject.islands(SIZE)
     albedo = np.full((SIZE[1], SIZE[0], 3), 50000, np.uint16)
     drawn = np.zeros(part.shape, bool)
-    for name in HEAD.part_names:
-        place = PartTexels.of(HEAD, name, SIZE) if name.startswith(("eye", "teeth")) else None
+    for index, name in enumerate(HEAD.part_names):
+        place = part_island(HEAD, index, SIZE, 0) if name.startswith(("eye", "teeth")) else None
         if place is not None:
-            albedo[place.box][place.inside] = 10000 + 1000 * HEAD.part_names.index(name)
-            drawn[place.box] |= place.inside
+            box, inside = place
+            albedo[box][inside > 0] = 10000 + 1000 * index
+            drawn[box] |= inside > 0
     after = pad_parts(albedo.copy(), subject)
     own = [index for index, name in enumerate(HEAD.part_names) if name.startswith(("eye", "teeth"))]
     others = (part != NO_PART) & ~np.isin(part, own)
