@@ -6,6 +6,10 @@ Principal components of log albedo over the charts of captures and their mirror 
 components are trusted is what completes other subjects best: captures are left out part by part, half hidden as photos
 hide them, and completed; the command prints the error on hidden skin, and on that of it where a painted beard grows,
 beside that of the mean colour of the seen skin. Then the same of charts without a beard alone.
+
+Captures have lids as bright as cheeks, and real skin has not: the mean of what ``models.training.paint`` paints on lids
+is added at the end, as the context learns from painted charts, too. ``--unpainted FILE`` adds it to a prior without,
+and learns nothing.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ import typer
 from models.lightstage.skin.subject import Subject
 from models.training.cover import Cover
 from models.training.facial_hair import Barber
+from models.training.paint import MARKS, Painter
 from models.training.store import Arrays, Wholes
 from service.colour import srgb_to_linear
 from service.errors import UsageError
@@ -164,17 +169,50 @@ class Charts:
         return Charts(self.maps[chosen], self.of[chosen], self.seen[chosen], self.beard[chosen])
 
 
+DRAWS = 1280
+"""Of marks, whose mean is that of all."""
+
+
+def with_lids(mean: Float, seed: int = 5) -> Float:
+    """(3, HEIGHT, WIDTH) mean log albedo of heads with lids as dark as those of real skin."""
+    lids = tuple(mark for mark in MARKS if all("eyelid" in region for region in mark.regions))
+    painter, generator = Painter(lids), torch.Generator().manual_seed(seed)
+    density = sum(painter.density(32, generator).mean(0) for _ in range(DRAWS // 32)) / (DRAWS // 32)
+    return np.asarray(mean - np.stack([small(plane.numpy()) for plane in density]), np.float32)
+
+
 def small(plane: Float) -> Float:
     """(HEIGHT, WIDTH) means of a plane."""
     return np.asarray(cv2.resize(plane, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA), np.float32)
 
 
 def main(
-    data: Annotated[Path, typer.Option(help="Folder of captures.")],
+    data: Annotated[Path | None, typer.Option(help="Folder of captures.")] = None,
     output: Annotated[Path, typer.Option("-o", help="File to write.")] = FILE,
     count: Annotated[int, typer.Option(min=1, help="Components.")] = 32,
+    unpainted: Annotated[Path | None, typer.Option(help="Prior with lids as bright as captures have them.")] = None,
 ) -> None:
     """Learn both priors, write them.
+
+    Raises:
+        UsageError: there are too few captures, or too few without a beard, or not one of both sources is named.
+    """
+    if (data is None) == (unpainted is None):
+        raise UsageError("a prior is learnt from --data or begins as --unpainted: name one of both")
+    if unpainted is not None:
+        with np.load(unpainted, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    else:
+        arrays = of_captures(Path(str(data)), count)
+    for kind in ("", BARE):
+        arrays[kind + "mean"] = with_lids(arrays[kind + "mean"].astype(np.float32)).astype(np.float16)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(output, **arrays)
+    typer.echo(f"{output}: of {data or unpainted}")
+
+
+def of_captures(data: Path, count: int) -> dict[str, npt.NDArray[np.generic]]:
+    """The arrays of both priors as captures are.
 
     Raises:
         UsageError: there are too few captures, or too few without a beard.
@@ -199,9 +237,7 @@ def main(
         for name in ("mean", "components"):
             arrays[kind + name] = getattr(prior, name).astype(np.float16)
         arrays[kind + "noise"] = np.array(prior.noise)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(output, **arrays)  # type: ignore[arg-type]
-    typer.echo(f"{output}: of {len(wholes.items)} captures")
+    return arrays
 
 
 def best(charts: Charts, inside: Float, skin: Float, count: int) -> AlbedoPrior:

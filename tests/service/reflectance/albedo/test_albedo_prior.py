@@ -82,6 +82,16 @@ def test_the_prior_in_the_box_is_of_the_head_in_the_box() -> None:
     assert FILE.is_file()
 
 
+def test_lids_are_darker_than_cheeks_where_no_photo_tells() -> None:
+    """As in all published maps; the stage's are as bright, and unseen rims of lids shone under dark lashes."""
+    head, chart = load_head(None), Chart.build(load_head(None), 288, 192)
+    lids, cheeks = (chart.interpolate(vertex_mask(head, *names))[..., 0] > 0.5
+                    for names in (("eyelid_left", "eyelid_right"), ("cheek_left", "cheek_right")))  # fmt: skip
+    for bearded in (True, False):
+        made = albedo_prior(bearded).complete(np.zeros((3, 192, 288), np.float32), np.zeros((192, 288), np.float32))
+        assert -0.7 < made[:, lids].mean() - made[:, cheeks].mean() < -0.15
+
+
 def test_the_edge_of_a_shadow_above_the_eyes_tells_no_brows() -> None:
     """Shade that is left at the edge of what is seen under a cap was likeliest the rim of thick black brows."""
     head, prior = load_head(None), albedo_prior(bearded=False)
