@@ -251,10 +251,10 @@ def _tangent(part: MeshPart, item: Item, head: HeadModel, fit: Fit) -> MeshPart:
 def _round_off(columns: Float64, triangles: Int64, rounds: int) -> None:
     """Move each vertex (N, C) towards the mean of its neighbours, so many times; open borders stay."""
     sides = np.sort(np.stack([triangles, np.roll(triangles, -1, 1)], 2).reshape(-1, 2), 1)
-    edges, count = np.unique(sides, axis=0, return_counts=True)
+    edges, count = np.unique(sides[:, 0] * len(columns) + sides[:, 1], return_counts=True)
     pull = laplacian(triangles, len(columns))
     step = 0.5 / np.maximum(pull.diagonal(), 1)[:, None]
-    step[edges[count == 1]] = 0.0
+    step[np.concatenate(np.divmod(edges[count == 1], len(columns)))] = 0.0
     for _ in range(rounds):
         columns -= step * (pull @ columns)
 

@@ -103,9 +103,7 @@ class Chart:
         """
         v = np.asarray(values, np.float32)
         v = v[:, None] if v.ndim == 1 else v
-        corners = self._chart_corners if on_chart else self.corners
-        weights = self.weights
-        return interpolate(v, corners, weights)
+        return interpolate(v, self._chart_corners if on_chart else self.corners, self.weights)
 
     def spread(self, values: AnyFloat, outside: tuple[float, ...] | float = 0.0) -> Float32:
         """(H, W, C) float32 image of values (N, C) at the inner ``texels``; ``outside`` elsewhere."""

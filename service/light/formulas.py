@@ -33,7 +33,7 @@ def basis(directions: AnyFloat) -> Float64:
     x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
     first = [np.full_like(x, _C0), _C1 * y, _C1 * z, _C1 * x]
     second = [_C2 * x * y, _C2 * y * z, _C20 * (3.0 * z * z - 1.0), _C2 * x * z, _C22 * (x * x - y * y)]
-    return np.stack(first + second, -1)
+    return np.moveaxis(np.stack(first + second), 0, -1)
 
 
 def gradient(directions: Float64, coefficients: Float64) -> Float64:

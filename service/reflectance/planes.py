@@ -40,9 +40,9 @@ def interpolated(plane: Float32, size: tuple[int, int], rows: Indices, columns: 
 def read_window(
     planes: Iterable[Float32], size: tuple[int, int], rows: slice, columns: slice | None = None
 ) -> Float32:
-    """(h, w, C) float32 values of coarse planes (h', w') in some rows and columns of a map of ``size``; None: all."""
+    """(h, w, C) float32, a block a channel, of coarse planes (h', w') at rows and columns of a map of ``size``."""
     down, across = np.r_[rows], np.arange(size[0]) if columns is None else np.r_[columns]
-    return np.stack([interpolated(plane, size, down, across) for plane in planes], -1)
+    return np.moveaxis(np.stack([interpolated(plane, size, down, across) for plane in planes]), 0, -1)
 
 
 def interpolate_into(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:

@@ -89,6 +89,6 @@ class Reflectance:
 
 
 def unpack_normals(codes: npt.NDArray[np.int16] | Float32) -> Float32:
-    """(..., 3) float32 unit normals from (..., 2) codes of x and y, or from means of codes."""
+    """(..., 3) float32 unit normals from (..., 2) codes of x and y, or from means of codes; each axis is one block."""
     x, y = (codes[..., axis] * np.float32(1 / NORMAL_ONE) for axis in (0, 1))
-    return np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], -1)
+    return np.moveaxis(np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))]), 0, -1)

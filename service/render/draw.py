@@ -323,7 +323,6 @@ def see(model: DrawnHead, camera: Camera, samples: float, chart: Float32 | None 
             found = fragments(flat, depth, drawn.triangles[some], width, height, nearer=nearest)
             if not len(found.pixel):
                 continue
-            shown, inside = some[found.triangle], found.barycentric
             shown, pixel = some[found.triangle], found.pixel
             place = interpolate(drawn.part.uv, drawn.places[shown], found.barycentric)
             alpha, inside, far = drawn.opacity(place), found.barycentric, found.depth

@@ -219,8 +219,9 @@ def folds_in(codes: npt.NDArray[np.int16], creases: Creases) -> Float32:
         codes: (H, W, 2) x and y of tangent-space normals times ``NORMAL_ONE``, +Y up.
         creases: where they are.
     """
-    slopes = _slopes(codes)
-    return _share(creases, slopes[0], slopes[1])[..., None] * np.stack(slopes, -1)
+    x, y = _slopes(codes)
+    share = _share(creases, x, y)
+    return np.moveaxis(np.stack([share * x, share * y]), 0, -1)
 
 
 def wrinkles_of(fold: Float32, creases: Creases, shape: tuple[int, ...]) -> tuple[Wrinkle, ...]:
