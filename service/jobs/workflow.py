@@ -28,7 +28,7 @@ RECOVERIES = 200
 It can be that many: what a photo can do to its process does not reach the worker, and is counted by itself.
 """
 
-OFTEN = 0.2
+OFTEN = 0.1
 """Most seconds between two looks for photos into a database of this machine alone: one takes 1.5 ms."""
 
 MADE_AGAIN = 3
