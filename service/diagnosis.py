@@ -50,7 +50,8 @@ def cpu() -> dict[str, object]:
 def memory_mb() -> dict[str, int | None]:
     """``total`` and ``available`` memory in MiB, None where the system does not say."""
     fields = _fields(Path("/proc/meminfo"))
-    return {key: _mib(fields.get(name)) for key, name in (("total", "MemTotal"), ("available", "MemAvailable"))}
+    found = {"total": fields.get("MemTotal"), "available": fields.get("MemAvailable")}
+    return {key: int(kib.split()[0]) // 1024 if kib else None for key, kib in found.items()}
 
 
 def peak_rss_mb() -> float:
@@ -123,7 +124,3 @@ def _fields(path: Path) -> dict[str, str]:
             key, _, value = line.partition(":")
             fields.setdefault(key.strip(), value.strip())
     return fields
-
-
-def _mib(field: str | None) -> int | None:
-    return int(field.split()[0]) // 1024 if field else None

@@ -247,7 +247,7 @@ def make_external(
         timings |= reflectance.timings_s
     stated = options.to_json()
     return Avatar(
-        photo=Photo(image.pixels, None, image.sha256, _warnings(image)),
+        photo=Photo(image.pixels, None, image.sha256, tuple(w for w in image.warnings if w != "focal-ignored")),
         face=Face(np.zeros(4), 0.0, np.zeros((6, 2)), np.zeros((468, 3)), 0.0),
         head=head,
         fit=unfitted(head, vertices),
@@ -283,11 +283,6 @@ def check_aspect(width: int, height: int) -> None:
             f"the texture is {width} x {height} pixels; the chart is 3:2, for example {width} x {round(width * 2 / 3)}",
             width=width, height=height,
         )  # fmt: skip
-
-
-def _warnings(image: Photo) -> tuple[str, ...]:
-    """Warnings of the gate, without those that concern photos only."""
-    return tuple(code for code in image.warnings if code != "focal-ignored")
 
 
 def _resized(pixels: UInt8, size: tuple[int, int]) -> UInt8:

@@ -258,7 +258,7 @@ class Place:
         source.replace(target)
         if durable:
             for folder in (target.parent, target.parent.parent):
-                _sync(folder)
+                sync(folder)
 
     def write(self, name: str, data: bytes) -> None:
         """Write a small file."""
@@ -329,10 +329,11 @@ def _seconds(facts: Any) -> float:
     return float(when.timestamp() if hasattr(when, "timestamp") else when)
 
 
-def _sync(folder: Path) -> None:
+def sync(folder: Path) -> None:
+    """Make renames in a folder durable, where the file system can."""
     handle = os.open(folder, os.O_RDONLY)
     try:
-        with contextlib.suppress(OSError):  # some file systems cannot sync a folder
+        with contextlib.suppress(OSError):
             os.fsync(handle)
     finally:
         os.close(handle)

@@ -234,16 +234,16 @@ def teeth_picture(rows: list[Inset], tooth: Float32, size: int = SIZE) -> UInt8:
     return canvas.picture()
 
 
-def open_picture(rows: list[Inset], size: int = OPEN_SIZE) -> UInt8:
-    """(size, size) uint8 linear: share of the sky that lips and cheeks leave to both rows, on their common picture."""
-    canvas, front = Canvas(size), max(row.rest[:, 2].max() for row in rows)
+def open_picture(rows: list[Inset]) -> UInt8:
+    """(OPEN_SIZE, OPEN_SIZE) uint8 linear: share of the sky that lips and cheeks leave to both rows of teeth."""
+    canvas, front = Canvas(OPEN_SIZE), max(row.rest[:, 2].max() for row in rows)
     for row in rows:
         at, depth = canvas.texels(row.uv, row.uv_faces, row.faces, front - row.rest[:, 2:])
         canvas.put(at, shade(depth[:, 0], OPEN_M))
     return np.asarray(np.rint(255 * canvas.filled()[..., 0]), np.uint8)
 
 
-def tongue_picture(tongue: Inset, size: int = TONGUE_SIZE) -> UInt8:
+def tongue_picture(tongue: Inset, size: int) -> UInt8:
     """(size, size, 3) uint8 sRGB of the tongue."""
     canvas = Canvas(size)
     at, values = canvas.texels(tongue.uv, tongue.uv_faces, tongue.faces, np.c_[tongue.along, tongue.rest * 1e3])

@@ -12,23 +12,80 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any, cast
 
 import h11
 import uvicorn
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+from starlette.routing import Route
+from starlette.staticfiles import StaticFiles
 from uvicorn.protocols.http.h11_impl import STATUS_PHRASES, H11Protocol
 
-from service.api.app import create_app
+from service import __version__
+from service.api import avatars, downloads, info, problem_responses, renders_and_exports
+from service.api.context import Context
+from service.api.front import Front, Heads, no_strange_parameters
 from service.api.keys import LOOPBACK, check_exposed, make_first_key
+from service.api.openapi import described
 from service.api.problem_responses import EXPLANATIONS, MEDIA_TYPE
 from service.jobs import logs
 from service.jobs.limits import give_back_memory, keep_private
 from service.jobs.locks import FileLock
 from service.jobs.settings import Settings
 from service.jobs.view import problem
+from service.photo.gate import expect_photo
+
+PAGE = Path(__file__).parents[1] / "web" / "static"
+"""Folder of the page at ``/``."""
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The application, by the settings of the server."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        context = await run_in_threadpool(Context, settings)
+        app.state.context = context
+        await run_in_threadpool(expect_photo)
+        try:
+            yield
+        finally:
+            context.draining.set()
+            context.watcher.wake_all()
+            await run_in_threadpool(context.close)
+
+    app = FastAPI(
+        title="avatarme", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None,
+        description="One photo of a face in, a renderable head out.", redirect_slashes=False,
+    )  # fmt: skip
+    problem_responses.install(app)
+    app.add_middleware(Heads)
+    app.add_middleware(Front, settings=settings)
+    derived = (renders_and_exports.renders, renders_and_exports.exports)
+    for router in (avatars.router, downloads.router, *derived, info.router):
+        app.include_router(router, dependencies=[Depends(no_strange_parameters)])
+    files = _Page(directory=PAGE, html=True)
+    # Not one mount for all: it would take every address of the interface that is asked for with a wrong method.
+    for path in ("", *sorted(file.relative_to(PAGE).as_posix() for file in PAGE.rglob("*") if file.is_file())):
+        app.router.routes.append(Route(f"/{path}", files, methods=["GET", "HEAD"], include_in_schema=False))
+    app.openapi = lambda: described(app)  # type: ignore[method-assign]
+    return app
+
+
+class _Page(StaticFiles):
+    """Files that a browser may keep, and has to ask about each time: a new version is seen at once."""
+
+    def file_response(self, *arguments: Any, **named: Any) -> Response:
+        """The answer with a static file, with ``Cache-Control``."""
+        answer = super().file_response(*arguments, **named)
+        answer.headers["Cache-Control"] = "no-cache"
+        return answer
 
 
 def protocol_class(header_seconds: float, connections: int, stalled_seconds: float = 60.0) -> type[H11Protocol]:

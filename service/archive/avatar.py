@@ -106,7 +106,6 @@ class Avatar:
         hair: what the photo told of the hair; None for an external mesh.
         own_texture: (H, W, 3) sRGB, the texture at the photo's resolution; None: it has no more than the texture.
         similarity: identity check, or None where it did not run.
-        effects: names of the effects that are simulated in the previews, empty while there are none.
         warnings: stable codes of the run; :meth:`all_warnings` adds those of photo, face, fit and texture.
         drawn, shapes: what was drawn and written of it while its maps were made; None: nothing was.
         timings_s: seconds per stage; not written to the archive, see ``docs/archive.md``.
@@ -130,7 +129,6 @@ class Avatar:
     reflectance: Reflectance | None = None
     surface: SurfaceMaps | None = None
     own_texture: UInt8 | None = None
-    effects: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     drawn: Drawn | None = None
     shapes: Shapes | None = None

@@ -23,6 +23,7 @@ from typing import IO, Any, BinaryIO
 
 from service.errors import BadArchive, OutputFault, UsageError
 from service.map_registry import MAPS
+from service.places import sync
 
 MEMBERS = {
     "manifest.json": "",
@@ -133,7 +134,7 @@ def replace_file(path: Path, write: Callable[[IO[bytes]], object]) -> None:
                 stream.flush()
                 os.fsync(stream.fileno())
             temporary.replace(target)
-        _sync_folder(target.parent)
+        sync(target.parent)
     except OSError as error:
         raise OutputFault(f"cannot write {path}: {_reason(error)}", path=str(path)) from error
 
@@ -175,16 +176,6 @@ def _temporary(target: Path) -> Iterator[Path]:
         yield temporary
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the rename durable, where the file system can sync a folder."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        with contextlib.suppress(OSError):
-            os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _reason(error: OSError) -> str:

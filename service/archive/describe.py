@@ -80,7 +80,7 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], parts: Sequence[MeshPar
         reflectance=_reflectance(avatar),
         fit=_fit(avatar) if photo else None,
         hair=None if avatar.hair is None else _hair(avatar.hair),
-        effects=list(avatar.effects),
+        effects=[],
         timings_s=None,  # differs from run to run, as memory does
         peak_rss_mb=None,
         models=list(avatar.models),

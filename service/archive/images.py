@@ -148,16 +148,16 @@ def decode_normals8(codes: UInt8) -> Float32:
     return (codes.astype(np.float32) - np.float32(NORMAL_ZERO)) / np.float32(NORMAL_SCALE)
 
 
-def encode_png(image: UInt8 | UInt16, *, srgb: bool, level: int = 4) -> bytes:
+def encode_png(image: UInt8 | UInt16, *, srgb: bool) -> bytes:
     """(h, w) grey, (h, w, 3) RGB or (h, w, 4) RGBA, uint8 or uint16 -> PNG bytes, with an sRGB chunk for sRGB colours.
 
-    Data maps (normals, confidence) get no colour chunk, so that no reader converts them. ``level`` is zlib's.
+    Data maps (normals, confidence) get no colour chunk, so that no reader converts them.
     """
     import cv2
 
     ways = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
     planes = image if image.ndim == 2 else cv2.cvtColor(image, ways[image.shape[2]])
-    done, buffer = cv2.imencode(".png", planes, [cv2.IMWRITE_PNG_COMPRESSION, level])
+    done, buffer = cv2.imencode(".png", planes, [cv2.IMWRITE_PNG_COMPRESSION, 4])
     if not done:
         raise NumericFault(f"the PNG encoder refused an image of shape {image.shape} and type {image.dtype}")
     data = buffer.tobytes()

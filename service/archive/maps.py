@@ -22,6 +22,7 @@ from service.archive.images import (
     to_8_bits,
 )
 from service.arrays import Float32, UInt8, UInt16
+from service.image_filters import resized
 from service.levels import LEVELS
 from service.map_registry import MAPS, WRINKLE, RegisteredMap
 from service.materials.material import Map, OwnMap
@@ -134,31 +135,25 @@ def wrinkle_of(avatar: Avatar, role: str) -> Wrinkle | None:
 
 @dataclass(frozen=True)
 class MapFiles:
-    """Relative paths of maps.
+    """Paths of maps as seen from the mesh.
 
     Attributes:
         roles: maps of the chart that the archive has.
-        folder: from the mesh to the maps.
-        substitutes: role -> role of the chart that stands in where the first is not there.
     """
 
     roles: Collection[str]
-    folder: str = "../maps"
-    substitutes: tuple[tuple[str, str], ...] = (("diffuse_albedo", "texture"),)
 
     def path(self, one: Map | None) -> str | None:
-        """Path of a map; None where there is none."""
+        """Path of a map; None where there is none. The texture stands in for an albedo that is not there."""
         if one is None:
             return None
         if isinstance(one, OwnMap):
-            return f"{self.folder}/parts/{one.name}.png"
-        for role in (one.role, dict(self.substitutes).get(one.role)):
-            if role in self.roles:
-                return f"{self.folder}/{role}.png"
-        return None
+            return f"../maps/parts/{one.name}.png"
+        role = "texture" if one.role == "diffuse_albedo" and one.role not in self.roles else one.role
+        return f"../maps/{role}.png" if role in self.roles else None
 
 
-Scalar = TypeVar("Scalar", bound=np.generic)
+Scalar = TypeVar("Scalar", bound=np.integer | np.floating)
 
 GLB_TEXTURE_PX, SMALL_GLB_PX = 2048, 1024
 """Longest side of a texture in the GLB, where many viewers refuse more than 4096: two thirds of the maps', but no
@@ -202,18 +197,13 @@ def chart_values(avatar: Avatar) -> dict[str, Float32]:
 
 def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Scalar]:
     """The image, reduced by area to what GLB or OBJ have of it."""
-    import cv2
-
     longest = max(image.shape[:2])
     share = longest // 3 if obj else longest * 2 // 3
     least, largest = (SMALL_OBJ_PX, OBJ_TEXTURE_PX) if obj else (SMALL_GLB_PX, GLB_TEXTURE_PX)
     most = min(max(share, least), largest)
     if longest <= most:
         return image
-    size = (image.shape[1] * most // longest, image.shape[0] * most // longest)
-    pixels: Any = image
-    smaller = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(smaller, image.dtype)
+    return resized(image, (image.shape[1] * most // longest, image.shape[0] * most // longest))
 
 
 def map_files(avatar: Avatar) -> MapFiles:

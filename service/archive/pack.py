@@ -145,7 +145,9 @@ def draw(avatar: Avatar) -> Drawn:
 
     textured, in_lamps = coloured(avatar)
     over = None if avatar.given else overlay(avatar)
-    return Drawn(over, textured, in_lamps, tuple(clay(avatar)), _textures(avatar))
+    own = {one.name: (one, one is part.material.colour_map) for part in avatar.parts for one in part.own_maps}
+    pngs = {name: encode_png(one.pixels, srgb=colour) for name, (one, colour) in own.items()}
+    return Drawn(over, textured, in_lamps, tuple(clay(avatar)), pngs)
 
 
 def _previews(avatar: Avatar, drawn: Drawn) -> dict[str, bytes]:
@@ -153,8 +155,3 @@ def _previews(avatar: Avatar, drawn: Drawn) -> dict[str, bytes]:
 
     pictures = {} if drawn.overlay is None else {"preview/overlay.jpg": encode_jpeg(drawn.overlay)}
     return {**pictures, "preview/sheet.jpg": encode_jpeg(sheet(avatar, drawn))}
-
-
-def _textures(avatar: Avatar) -> dict[str, bytes]:
-    own = {one.name: (one, one is part.material.colour_map) for part in avatar.parts for one in part.own_maps}
-    return {name: encode_png(one.pixels, srgb=colour) for name, (one, colour) in own.items()}

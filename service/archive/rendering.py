@@ -39,13 +39,12 @@ SECONDS = 4.0
 ENDINGS = (".gif", ".mp4")
 
 
-def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads: int = 2) -> RenderedPicture:
+def render_archive(source: Path | IO[bytes], request: RenderRequest) -> RenderedPicture:
     """A picture of the avatar in an archive.
 
     Args:
         source: path or seekable stream of the archive.
         request: scene, view, size and the like.
-        threads: compute threads.
 
     Raises:
         UsageError: no such file, or a request that is not possible.
@@ -57,7 +56,7 @@ def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads:
         avatar = open_avatar(source, ROLES)
     with clock.step("mesh"):
         head, vertices, parts = stored_meshes(avatar)
-    return render_head(head, vertices, avatar.maps, request, threads=threads, clock=clock, parts=parts)
+    return render_head(head, vertices, avatar.maps, request, clock=clock, parts=parts)
 
 
 def stored_meshes(avatar: AvatarFile) -> tuple[HeadModel, AnyFloat, tuple[MeshPart, ...]]:

@@ -18,6 +18,7 @@ from service.geometry.remesh import Subdivision
 from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.head.regions import part_vertices, vertex_mask
+from service.image_filters import shrunk
 from service.materials.part import MeshPart, normal_offsets, part_normals
 from service.reflectance.reflectance_maps import MID, SCALE_MM
 
@@ -149,13 +150,12 @@ def displaced(head: HeadModel, vertices: Float64, displacement: UInt16) -> Float
 
 def heights_at(head: HeadModel, displacement: UInt16) -> Float64:
     """(V,) height in mm of each vertex of a head of quads: mean over its chart vertices."""
-    import cv2
     from scipy.ndimage import map_coordinates
 
     relief = displacement.astype(np.float32)
     if relief.shape[1] > RELIEF_WIDTH:
         size = (RELIEF_WIDTH, RELIEF_WIDTH * relief.shape[0] // relief.shape[1])
-        relief = np.asarray(cv2.resize(relief, size, interpolation=cv2.INTER_AREA))
+        relief = shrunk(relief, size)
     u, v = head.uv.astype(np.float64).T
     at = np.stack([(1 - v) * relief.shape[0], u * relief.shape[1]]) - 0.5
     sampled = map_coordinates(relief, at, np.float64, order=1, mode="nearest")

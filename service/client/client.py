@@ -99,7 +99,7 @@ class Job:
             progress=share(content.get("progress")),
             error=Problem.parse(error, 500) if isinstance(error, Mapping) else None,
             warnings=tuple(map(str, content.get("warnings") or ())),
-            options=_object(content.get("options")),
+            options=options if isinstance(options := content.get("options"), Mapping) else {},
             content=content,
         )
 
@@ -387,7 +387,3 @@ def share(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return 0.0
     return min(max(float(value), 0.0), 1.0)
-
-
-def _object(value: object) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}

@@ -82,7 +82,9 @@ class Transport:
         )
         headers = {"User-Agent": f"avatarme/{__version__}", "Accept-Encoding": "identity"}
         if api_key is not None:
-            headers["Authorization"] = f"Bearer {_checked_key(api_key)}"
+            if not api_key or not api_key.isascii() or not api_key.isprintable() or " " in api_key:
+                raise UsageError("the API key is empty or has characters that no header can carry", field="api_key")
+            headers["Authorization"] = f"Bearer {api_key}"
         limits = httpx.Limits(max_connections=None, max_keepalive_connections=32)
         self.http = httpx.Client(headers=headers, timeout=timeout_s, limits=limits)
 
@@ -246,9 +248,3 @@ def _checked_address(server: str) -> str:
             field="server",
         )
     return server.rstrip("/")
-
-
-def _checked_key(key: str) -> str:
-    if not key or not key.isascii() or not key.isprintable() or " " in key:
-        raise UsageError("the API key is empty or has characters that no header can carry", field="api_key")
-    return key

@@ -18,7 +18,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, Float64, UInt8
 from service.face.region import Region, level_square, roll
-from service.runtime.sessions import Session, load_session
+from service.runtime.sessions import load_session
 
 DETECTOR_SIZE = 256
 """Side of the network's input, pixels."""
@@ -61,18 +61,18 @@ class Detection:
         return Region(float(self.centre[0]), float(self.centre[1]), self.size * scale, self.angle)
 
 
-def anchors(size: int = DETECTOR_SIZE, strides: tuple[int, ...] = STRIDES) -> Float64:
+def anchors() -> Float64:
     """(A, 2) float64 anchor centres in input pixels: two per cell and layer, layers of equal stride together.
 
     >>> anchors().shape
     (896, 2)
     """
     parts = []
-    for stride in sorted(set(strides)):
-        cells = size // stride
+    for stride in sorted(set(STRIDES)):
+        cells = DETECTOR_SIZE // stride
         line = (np.arange(cells) + 0.5) * stride
         grid = np.stack(np.meshgrid(line, line), -1).reshape(-1, 2)
-        parts.append(np.repeat(grid, 2 * strides.count(stride), axis=0))
+        parts.append(np.repeat(grid, 2 * STRIDES.count(stride), axis=0))
     return np.concatenate(parts)
 
 
@@ -137,11 +137,11 @@ def _average(group: list[Detection]) -> Detection:
 class Detector:
     """The detector network applied to square regions: crop, run, decode, merge, map back to the photo."""
 
-    def __init__(self, session: Session | None = None, threads: int = 2) -> None:
-        self._session = session or load_session("face_detector", threads)
+    def __init__(self) -> None:
+        self._session = load_session("face_detector")
         self._anchors = anchors()
 
-    def __call__(self, pixels: UInt8, region: Region, threshold: float = 0.5) -> list[Detection]:
+    def __call__(self, pixels: UInt8, region: Region, threshold: float) -> list[Detection]:
         """Faces of score >= ``threshold`` in a square of an (H, W, 3) uint8 photo, best first, in photo pixels."""
         crop = region.cut(pixels, DETECTOR_SIZE)
         image = crop.astype(np.float32)[None] / 127.5 - 1
@@ -247,8 +247,8 @@ def face_square(landmarks: Float64) -> Region:
 class MeshNetwork:
     """The landmark network applied to square regions."""
 
-    def __init__(self, session: Session | None = None, threads: int = 2) -> None:
-        self._session = session or load_session("face_mesh", threads)
+    def __init__(self) -> None:
+        self._session = load_session("face_mesh")
 
     def __call__(self, pixels: UInt8, region: Region) -> Mesh:
         """The network's answer for one square region of an (H, W, 3) uint8 sRGB photo."""

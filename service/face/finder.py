@@ -158,10 +158,10 @@ DOUBTED_PASSES, MOST_DOUBTED = 3, 3
 class FaceFinder:
     """Finds faces and their landmark meshes. Holds two networks (0.1 s to load); use one per thread."""
 
-    def __init__(self, threads: int = 2) -> None:
-        """Load the networks with ``threads`` compute threads each; ModelFault when a file is missing or changed."""
-        self._detector = Detector(threads=threads)
-        self._mesh = MeshNetwork(threads=threads)
+    def __init__(self) -> None:
+        """Load the networks; ModelFault when a file is missing or changed."""
+        self._detector = Detector()
+        self._mesh = MeshNetwork()
 
     def find(self, pixels: UInt8) -> list[Face]:
         """All faces of an (H, W, 3) uint8 sRGB photo, largest box first; an empty list when there is none.

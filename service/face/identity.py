@@ -18,7 +18,7 @@ import numpy as np
 from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.errors import ModelFault
 from service.face.region import Region
-from service.runtime.sessions import Session, checked_bytes, load_session
+from service.runtime.sessions import checked_bytes, load_session
 from service.stage_cache import Loaded
 
 Embedding = Float32
@@ -40,21 +40,19 @@ class Population:
 
     Attributes:
         mean: (128,) float64.
-        faces: number of faces, one per person, that it was measured on.
         impostor: "distance_mean", "distance_p05", "centred_cosine_mean", "centred_cosine_p95" over all pairs; a pair's
             cosine is centred by the mean of all other faces.
     """
 
     mean: Float64
-    faces: int
     impostor: dict[str, float]
 
 
 class Recogniser(Loaded):
     """The identity network; 30 ms to load, 5 ms a face on two cores."""
 
-    def __init__(self, session: Session | None = None, threads: int = 2) -> None:
-        self._session = session or load_session("face_identity", threads)
+    def __init__(self) -> None:
+        self._session = load_session("face_identity")
 
     def embed(self, pixels: UInt8, landmarks: AnyFloat) -> Embedding:
         """(128,) float32 descriptor of a face.
@@ -114,9 +112,8 @@ def population() -> Population:
         content = json.loads(data)
         mean = np.array(content["mean"], np.float64)
         impostor = {str(k): float(v) for k, v in content["impostor"].items()}
-        faces = int(content["faces"])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ModelFault(f"face_identity_population: not JSON with mean, impostor and faces ({error})") from error
+        raise ModelFault(f"face_identity_population: not JSON with mean and impostor ({error})") from error
     if mean.shape != (DIMENSIONS,) or not np.isfinite(mean).all():
         raise ModelFault(f"face_identity_population: the mean has shape {mean.shape} or is not finite")
-    return Population(mean, faces, impostor)
+    return Population(mean, impostor)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import AnyFloat, AnyInt, Float32, Float64
+from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int64
 from service.errors import NumericFault
 
 SMALLEST_LENGTH = 1e-20
@@ -211,3 +211,23 @@ def splat(
         corner = np.repeat(values[chosen, channel], 3) * share
         mean[:, channel] = np.bincount(index, corner, count) / safe
     return mean, total / np.where(area > 0, area, 1.0)
+
+
+def spread_points(area: AnyFloat, each: float) -> tuple[Int64, Float64, AnyFloat]:
+    """Points spread over triangles of these areas (T,), at least one on each.
+
+    Returns:
+        of each point (M,) its triangle, weights (M, 3) of the corners, and the area around it, about ``each``.
+    """
+    count = np.maximum(1, np.ceil(area / each)).astype(int)
+    index = np.repeat(np.arange(len(area)), count)
+    order = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+    return index, folded(order), (area / count)[index]
+
+
+def folded(order: Int64) -> Float64:
+    """(N, 3) barycentric weights of members of the low-discrepancy sequence R2, folded from the square."""
+    u, v = (0.5 + order * 0.7548776662466927) % 1.0, (0.5 + order * 0.5698402909980532) % 1.0
+    flip = u + v > 1.0
+    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
+    return np.stack([1 - u - v, u, v], 1)

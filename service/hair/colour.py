@@ -16,8 +16,10 @@ from service.colour import luma, srgb_to_linear
 EUMELANIN = np.array([0.419, 0.697, 1.37], np.float32)
 PHEOMELANIN = np.array([0.187, 0.4, 1.05], np.float32)
 """Absorption by unit concentration in red, green and blue."""
-ROUGHNESS = 0.3
+_ROUGH = 0.3
 """Azimuthal roughness of a strand."""
+WIDTH = 5.969 - 0.215 * _ROUGH + 2.532 * _ROUGH**2 - 10.73 * _ROUGH**3 + 5.574 * _ROUGH**4 + 0.245 * _ROUGH**5
+"""By which the square root of what it absorbs darkens a volume of strands."""
 SURFACE = 0.011
 """Light that the surface of strands scatters without colour: black hair is no hole."""
 GREY = 0.015
@@ -130,21 +132,16 @@ def asked_colour(asked: str, strands: int, seed: int) -> HairColour:
     return as_absorbed(np.clip(srgb_to_linear(coded) * np.repeat(level, KNOTS, 1), 2e-3, 0.9))
 
 
-def reflected(absorption: AnyFloat, roughness: float = ROUGHNESS) -> Float32:
+def reflected(absorption: AnyFloat) -> Float32:
     """(..., 3) linear RGB of a volume of strands with this absorption (..., 3), with what their surface scatters."""
-    inside = np.exp(-np.sqrt(np.maximum(absorption, 0)) * _width(roughness))
+    inside = np.exp(-np.sqrt(np.maximum(absorption, 0)) * WIDTH)
     return np.asarray(SURFACE + (1 - SURFACE) * inside, np.float32)
 
 
-def absorption_of(colour: AnyFloat, roughness: float = ROUGHNESS) -> Float32:
+def absorption_of(colour: AnyFloat) -> Float32:
     """(..., 3) absorption that gives linear RGB (..., 3): the inverse of :func:`reflected`."""
     logs = np.log(np.clip((colour - SURFACE) / (1 - SURFACE), 1e-9, 1 - 1e-6))
-    return np.asarray(np.square(logs / _width(roughness)), np.float32)
-
-
-def _width(roughness: float) -> float:
-    b = roughness
-    return 5.969 - 0.215 * b + 2.532 * b**2 - 10.73 * b**3 + 5.574 * b**4 + 0.245 * b**5
+    return np.asarray(np.square(logs / WIDTH), np.float32)
 
 
 def as_absorbed(colours: AnyFloat, *, dyed: bool = True) -> HairColour:

@@ -139,11 +139,6 @@ PARTINGS_M = {"none": 0.0, "middle": 0.0, "left": 0.028, "right": -0.028}
 """Where a parting lies, metres to the subject's left."""
 
 
-def _from_parting(style: Style, roots: Roots) -> Float32:
-    """(N,) metres to the parting."""
-    return np.asarray(np.abs(roots.position[:, 0] - PARTINGS_M[style.parting]), np.float32)
-
-
 def sides_of(style: Style, roots: Roots) -> Float32:
     """(N,) +1 where a strand falls to the subject's left of the parting, -1 to its right."""
     at = PARTINGS_M[style.parting]
@@ -236,7 +231,10 @@ class _Hanging:
         # Hair from higher up lies over hair from below, so the body of hair gets its thickness.
         layer = 0.25 + 0.75 * smoothstep(roots.elevation, -0.6, 1.2)
         layer = (layer * rng.uniform(0.5, 1.0, len(roots))).astype(np.float32) * np.float32(style.volume_mm / 1000)
-        parted = 0.15 * np.exp(-np.square(_from_parting(style, roots) / 0.012)) if style.parting != "none" else 0.0
+        parted: float | Float32 = 0.0
+        if style.parting != "none":
+            aside = np.asarray(np.abs(roots.position[:, 0] - PARTINGS_M[style.parting]), np.float32)
+            parted = 0.15 * np.exp(-np.square(aside / 0.012))
         # Long strands have long steps: the first of them must not carry them farther from the skin than short ones'.
         rising = np.clip(style.lift + parted, 0, 1) * np.clip(RISES_M / np.maximum(step[:, 0], 1e-6), 0.3, 1)
         # What pins leave at the temples is a lock or two: it falls behind the shoulders with the rest.

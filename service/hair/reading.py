@@ -65,11 +65,6 @@ class HairReading:
         """(H * W, 2) photo pixels of the middles of the cells, row by row."""
         return middles(self.region, CELLS)
 
-    @property
-    def visible(self) -> float:
-        """Share of the square in which it can be seen whether there is hair, in [0, 1]."""
-        return float(self.known.mean())
-
     def likeliest(self, kind: str) -> tuple[str, float]:
         """The likeliest choice of one of ``service.hair.kinds.KINDS``, and its probability."""
         return max(self.kinds[kind].items(), key=lambda item: item[1])
@@ -102,8 +97,8 @@ class HairNetwork(Loaded):
     Its recipe is ``models/training/hair.py``.
     """
 
-    def __init__(self, session: Session | None = None, threads: int = 2) -> None:
-        self._session = session or load_session("hair", threads)
+    def __init__(self, session: Session | None = None) -> None:
+        self._session = session or load_session("hair")
 
     def __call__(self, crop: UInt8) -> Said:
         """What a (224, 224, 3) uint8 sRGB square shows.

@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Bool, Float32, Int64
-from service.geometry.mesh import vertex_normals
+from service.geometry.mesh import folded, spread_points, vertex_normals
 from service.head.model import HeadModel
 
 CENTRE = np.array([0.0, 0.02, -0.07], np.float32)
@@ -193,7 +193,7 @@ class Scalp:
         # As many in each triangle as it is due, and there by a low-discrepancy sequence: no clumps, no gaps.
         due = np.cumsum(chance / chance.sum()) * count
         triangle = np.minimum(np.searchsorted(due, np.arange(count) + rng.random()), len(due) - 1)
-        weight = _folded(np.arange(count) + rng.integers(1 << 20))[..., None]
+        weight = folded(np.arange(count) + rng.integers(1 << 20)).astype(np.float32)[..., None]
         grows = (self.grows[triangle] * weight[..., 0]).sum(1)
         kept = np.flatnonzero(grows > least)
         own, weight = triangle[kept], weight[kept]
@@ -313,17 +313,6 @@ def _dense(triangles: Float32) -> tuple[Float32, Float32]:
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
     triangles, across, area = triangles[area > 1e-12], across[area > 1e-12], area[area > 1e-12]
-    count = np.maximum(1, np.ceil(area / 2 / SPACING_M**2)).astype(int)
-    index = np.repeat(np.arange(len(triangles)), count)
-    order = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
-    weight = _folded(order)
-    points = (triangles[index] * weight[..., None]).sum(1)
+    index, weight, _ = spread_points(area / 2, SPACING_M**2)
+    points = (triangles[index] * weight.astype(np.float32)[..., None]).sum(1)
     return points.astype(np.float32), unit(across[index] / area[index, None])
-
-
-def _folded(order: Int64) -> Float32:
-    """(N, 3) barycentric weights of members of the low-discrepancy sequence R2, folded from the square."""
-    u, v = (0.5 + order * 0.7548776662466927) % 1.0, (0.5 + order * 0.5698402909980532) % 1.0
-    flip = u + v > 1.0
-    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
-    return np.stack([1 - u - v, u, v], 1).astype(np.float32)

@@ -229,11 +229,6 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     return made, np.asarray(kept)
 
 
-def bare_rooted(strands: Float32, sight: Sight) -> Bool:
-    """(N,) whether the photo shows bare skin where a strand begins."""
-    return np.asarray(sight.read(blurred(sight.bare, 0.7), strands[:, 0])[0] > BARE)
-
-
 def _ends(strands: Float32, sight: Sight) -> float:
     """Height at which the photo's hanging hair ends; minus infinity where it does not tell."""
     hanging = strands[strands[..., 1] < HANGS_BELOW_M]
@@ -405,7 +400,7 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     for _ in range(FILLINGS):
         groom = filled(groom, sight, skin, rng)
     moved, kept = trimmed(groom.strands, sight, skin, rng)
-    kept |= ~bare_rooted(moved, sight)
+    kept |= ~np.asarray(sight.read(blurred(sight.bare, 0.7), moved[:, 0])[0] > BARE)  # not on bare skin
     moved = np.concatenate([moved[:, :1], skin.over_ears.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)
     return groom, seen_share(groom.strands, sight)

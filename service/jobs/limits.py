@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-import resource
 import signal
 import stat
 from pathlib import Path
+
+from service.photo.wire import lower_limits
 
 _PR_SET_PDEATHSIG = 1
 _OOM_SCORE = "500"
@@ -26,11 +27,10 @@ def limit_self(memory_mb: int, seconds: float, niceness: int, parent: int) -> No
     """
     with contextlib.suppress(OSError):
         os.nice(niceness)
-    _lower(resource.RLIMIT_CORE, 0)
-    _lower(resource.RLIMIT_CPU, int(seconds * (os.cpu_count() or 1)) + 60)
+    lower_limits(CORE=0, CPU=int(seconds * (os.cpu_count() or 1)) + 60)
     if memory_mb:
         # RLIMIT_AS would count the address space that allocators and networks reserve and never use.
-        _lower(resource.RLIMIT_DATA, memory_mb << 20)
+        lower_limits(DATA=memory_mb << 20)
     with contextlib.suppress(OSError), open("/proc/self/oom_score_adj", "w", encoding="ascii") as score:
         score.write(_OOM_SCORE)  # the system takes this process first, not the server
     end_with_parent(parent)
@@ -70,10 +70,3 @@ def give_back_memory() -> None:
     libc = glibc()
     if libc is not None:
         libc.mallopt(MMAP_THRESHOLD, _LARGE)
-
-
-def _lower(kind: int, value: int) -> None:
-    hard = resource.getrlimit(kind)[1]
-    if hard != resource.RLIM_INFINITY:
-        value = min(value, hard)
-    resource.setrlimit(kind, (value, value))

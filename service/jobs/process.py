@@ -18,7 +18,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -293,15 +293,12 @@ class JobProcess:
 
 def descendants(process: int) -> list[int]:
     """Processes that a process started, and those that these started."""
-    return list(_descend(process))
-
-
-def _descend(process: int) -> Iterator[int]:
+    found: list[int] = []
     with contextlib.suppress(OSError, ValueError):
         for thread in Path(f"/proc/{process}/task").iterdir():
-            for child in (thread / "children").read_text("ascii").split():
-                yield int(child)
-                yield from _descend(int(child))
+            for child in map(int, (thread / "children").read_text("ascii").split()):
+                found += [child, *descendants(child)]
+    return found
 
 
 def resident_mb(process: int) -> float:

@@ -191,7 +191,8 @@ class Store:
         """
         share = min(max(share, 0.0), 1.0)
         most = sa.case((JOBS.c.progress > share, JOBS.c.progress), else_=share)
-        row = self._change(job, "progress", ("running",), stage=stage, progress=most)
+        with self.engine.begin() as connection:
+            row = self._changed(connection, job, "progress", ("running",), stage=stage, progress=most)
         if row is not None and stage != known:
             telemetry.log_stage(row, stage)
         return row is not None
@@ -283,10 +284,6 @@ class Store:
             telemetry.log_ended(row)
             telemetry.trace_ended(row)
             return True
-
-    def _change(self, job: str, event: str, states: Sequence[str], **values: Any) -> Row | None:
-        with self.engine.begin() as connection:
-            return self._changed(connection, job, event, states, **values)
 
     def _changed(
         self, connection: sa.Connection, job: str, event: str, states: Sequence[str],

@@ -16,6 +16,7 @@ from service.archive.usd_text import Prim
 from service.arrays import Float32, Float64, Int32
 from service.colour import bytes_to_linear
 from service.errors import BadArchive, NumericFault, OutputFault
+from service.image_filters import shrunk
 from service.light.formulas import basis
 from service.manifest import Part
 from service.materials.material import Map, Material
@@ -190,17 +191,11 @@ def _skin(source: ArchiveFile) -> Float64:
     needed = ("maps/diffuse_albedo.png", "maps/texture.png", "maps/confidence.png")
     if any(name not in source.names for name in needed):
         return np.ones(3)
-    albedo, texture, confidence = (_small(source.read(name)) for name in needed)
+    small = (shrunk(unpack_map(source.read(name), "map"), (192, 128)) for name in needed)
+    albedo, texture, confidence = (codes * np.float32(1 / 255) for codes in small)
     lit = confidence[..., 0] >= 0.6
     if lit.sum() < LEAST_SKIN:
         return np.ones(3)
     shown, own = (bytes_to_linear(np.rint(one * 255).astype(np.uint8))[lit].mean(0) for one in (texture, albedo))
     luminance = float(shown @ np.array([0.2126, 0.7152, 0.0722]))
     return np.asarray(np.maximum(own, 0.01) / max(luminance, 0.01), np.float64)
-
-
-def _small(png: bytes) -> Float32:
-    import cv2
-
-    small = np.asarray(cv2.resize(unpack_map(png, "map"), (192, 128), interpolation=cv2.INTER_AREA), np.float32)
-    return small * np.float32(1 / 255)

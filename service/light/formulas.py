@@ -74,7 +74,7 @@ def sh_basis(normals: Float64) -> Float64:
     return np.asarray(basis(normals) * BAND_GAIN, np.float64)
 
 
-def estimate_light(normals: Float64, colours: Float64, weights: Float64, rounds: int = 4) -> Float64 | None:
+def estimate_light(normals: Float64, colours: Float64, weights: Float64) -> Float64 | None:
     """Estimate the light from skin colours, up to the skin's unknown mean albedo.
 
     Ridge regression with robust weights: brows, lips and cast shadows are outliers of a one-albedo model.
@@ -83,7 +83,6 @@ def estimate_light(normals: Float64, colours: Float64, weights: Float64, rounds:
         normals: (N, 3) unit, any frame; the light is in the same.
         colours: (N, 3) linear RGB in [0, 1].
         weights: (N,) >= 0.
-        rounds: number of re-weightings.
 
     Returns:
         (9, 3) coefficients scaled so that E / pi has a mean luminance of one over the skin; None where fewer than 30
@@ -95,7 +94,7 @@ def estimate_light(normals: Float64, colours: Float64, weights: Float64, rounds:
     rows, colour, weight = sh_basis(normals[used]), colours[used], weights[used]
     robust: Float64 = np.ones(len(weight))
     light: Float64 = np.zeros((9, 3))
-    for _ in range(rounds):
+    for _ in range(4):
         w = (weight * robust)[:, None]
         gram = rows.T @ (w * rows)
         # Ridge over the trace of the normal matrix: half the sphere of normals is never visible, so it is near

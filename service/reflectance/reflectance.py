@@ -204,7 +204,6 @@ def _by_networks(
         tile=tile,
         super_resolution="super_resolution" in plan.stages,
         fallbacks=_fallbacks(plan, engine, subject, texture),
-        models=plan.networks,
         engines=engine.told(plan.networks),
     )
 

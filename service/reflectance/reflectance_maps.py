@@ -59,7 +59,6 @@ class Reflectance:
         fallbacks: codes of what could not run as intended: "bf16-needs-openvino" where the processor would compute
             faster with OpenVINO installed, "texture-resampled" without super-resolution, "light-from-skin-alone" where
             neither sclera nor teeth, which tell dark skin from dim light, were seen.
-        models: names of the networks that ran.
         integration: of the displacement.
         wrinkles: relief that the photo's expression folds, which the normals and the displacement are without.
         corrections: those that ran, in order, with the number of texels that each changed.
@@ -79,7 +78,6 @@ class Reflectance:
     tile: int = 0
     super_resolution: bool = False
     fallbacks: tuple[str, ...] = ()
-    models: tuple[str, ...] = ()
     engines: Mapping[str, str] = field(default_factory=dict)
     integration: manifest.Integration | None = None
     wrinkles: tuple[Wrinkle, ...] = ()

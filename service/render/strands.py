@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int64
-from service.geometry.mesh import normalise
+from service.geometry.mesh import normalise, spread_points
 from service.light.environment import Illumination, flux_by_direction, spread_directions
 from service.light.formulas import Graphs, lamp_numbers
 from service.light.scene import PointLight
@@ -143,18 +143,11 @@ def _thinned(points: AnyFloat, amount: AnyFloat) -> tuple[Float64, Float64]:
     return middle, total
 
 
-def _spread(vertices: AnyFloat, triangles: AnyInt) -> tuple[Int64, Float64, Float64]:
-    """Points spread over triangles (T, 3): of each its triangle, weights (M, 3) of the corners, and mm^2 around it."""
+def _spread(vertices: AnyFloat, triangles: AnyInt) -> tuple[Int64, Float64, AnyFloat]:
+    """Points on triangles (T, 3), as :func:`spread_points`; areas in mm^2."""
     corners = np.asarray(vertices, np.float64)[triangles] * 1000
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    count = np.maximum(1, np.ceil(area / GRAIN_MM2)).astype(int)
-    index = np.repeat(np.arange(len(area)), count)
-    order = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
-    # A low-discrepancy sequence (R2) in the square, folded into the triangle.
-    u, v = (0.5 + order * 0.7548776662466927) % 1.0, (0.5 + order * 0.5698402909980532) % 1.0
-    over = u + v > 1
-    u, v = np.where(over, 1 - u, u), np.where(over, 1 - v, v)
-    return index, np.stack([1 - u - v, u, v], 1), (area / count)[index]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return spread_points(0.5 * np.linalg.norm(across, axis=1), GRAIN_MM2)
 
 
 @dataclass(frozen=True)

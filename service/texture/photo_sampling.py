@@ -229,12 +229,11 @@ def split_octaves(image: Float32, octaves: int) -> tuple[list[Float32], Float32]
     return bands, rest
 
 
-def joined_octaves(bands: Sequence[Float32], rest: Float32 | None = None) -> Float32:
-    """The image of octaves, inverse of :func:`split_octaves`; a ``rest`` of None counts as 0."""
-    result = rest
-    for band in reversed(bands):
-        result = band.copy() if result is None else band + up(result, band.shape[:2])
-    assert result is not None  # noqa: S101 - there is at least one octave
+def joined_octaves(bands: Sequence[Float32]) -> Float32:
+    """The image of one or more octaves, inverse of :func:`split_octaves` but for its rest, which counts as 0."""
+    result = bands[-1].copy()
+    for band in reversed(bands[:-1]):
+        result = band + up(result, band.shape[:2])
     return result
 
 

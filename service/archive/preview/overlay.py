@@ -7,18 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from service.archive.avatar import Avatar
-from service.archive.preview.sheet import (
-    GREY,
-    INK,
-    PAPER,
-    Image,
-    blank,
-    clay_picture,
-    paste,
-    to_pixels,
-    write_text,
-)
+from service.archive.preview.sheet import GREY, INK, PAPER, Image, blank, clay_picture, paste, write_text
 from service.arrays import Float64, Int64
+from service.colour import to_bytes
 from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
@@ -116,14 +107,14 @@ def _over(avatar: Avatar, cut: Image, camera: Camera) -> Image:
     """The untextured head blended over the photo, so that eyes, lips and silhouette can be compared."""
     photo = np.asarray(cut, np.float32) / np.float32(255)
     head = over(*clay_picture(avatar, avatar.fit.vertices, camera, 1.0), photo)
-    return to_pixels(photo + np.float32(0.72) * (head - photo))
+    return to_bytes(photo + np.float32(0.72) * (head - photo))
 
 
 def _landmarks(avatar: Avatar, cut: Image, corner: Int64, zoom: Float64) -> Image:
     """Detected points, fitted points and the lines between them, over the dimmed photo."""
     import cv2
 
-    picture = to_pixels(np.asarray(cut, np.float32) / 255 * 0.62 + 0.04)
+    picture = to_bytes(np.asarray(cut, np.float32) / 255 * 0.62 + 0.04)
     detected = (avatar.face.landmarks[:, :2] - corner) * zoom
     fitted = (fitted_landmarks(avatar.head, avatar.fit) - corner) * zoom
     limit = 4.0 * max(picture.shape[:2])

@@ -7,16 +7,16 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.wearables import bust_colours, small_albedo, to_albedo
 from service.archive.avatar import Avatar, Drawn, View
 from service.archive.images import encode_normals8
-from service.arrays import AnyFloat, Float32, UInt8, UInt16
-from service.colour import bytes_to_linear
+from service.arrays import Float32, UInt8
+from service.colour import bytes_to_linear, to_bytes
 from service.geometry.camera import Camera
 from service.geometry.mesh import normalise
 from service.geometry.sampling import sample_chart
+from service.image_filters import resized, shrunk
 from service.light.environment import Illumination
 from service.light.scene import WHITE, PointLight, Triple
 from service.materials.part import framed
@@ -70,11 +70,12 @@ def coloured(avatar: Avatar) -> tuple[tuple[View, ...], tuple[View, ...]]:
     First the texture, with the photo's light; then the diffuse albedo under other lamps, nothing without albedo.
     """
     made = avatar.reflectance
-    colours = bytes_to_linear(_small(avatar.texture.texture, SEEN_SIZE))
+    texture = avatar.texture.texture
+    colours = bytes_to_linear(texture if texture.shape[1] <= SEEN_SIZE[0] else resized(texture, SEEN_SIZE))
     albedo = None if made is None or made.diffuse_albedo is None else small_albedo(made.diffuse_albedo, SEEN_SIZE)
     model, tint = DrawnHead.of(avatar.head, avatar.fit.vertices, avatar.parts), photo_light(avatar)
     behind = backdrop(*TILE)
-    neck = bust_colours(avatar.head, avatar.texture.texture)
+    neck = bust_colours(avatar.head, texture)
 
     def views(yaw: int) -> tuple[View, list[View]]:
         camera = turned_camera(framed(model.vertices, [one.part for one in model.parts]), yaw, *TILE)
@@ -86,7 +87,7 @@ def coloured(avatar: Avatar) -> tuple[tuple[View, ...], tuple[View, ...]]:
                 # It goes on from the neck, whose shadows the light of the whole photo does not tell.
                 shown = np.rint(sample_chart(neck, one.uv)).astype(np.uint8)
                 one.colour[:] = bytes_to_linear(shown) / np.array(tint, np.float32)
-        first = side, to_pixels(over(*sketch(seen, seen.read(colours), None, tint), behind))
+        first = side, to_bytes(over(*sketch(seen, seen.read(colours), None, tint), behind))
         for one, colour in busts:
             one.colour[:] = colour
         if albedo is None:
@@ -95,7 +96,7 @@ def coloured(avatar: Avatar) -> tuple[tuple[View, ...], tuple[View, ...]]:
         for azimuth in RELIT.get(yaw, ()):
             where = "in front" if azimuth == 0 else "on the right" if azimuth > 0 else "on the left"
             lit = over(*sketch(seen, unlit, side_lamp(camera, azimuth)), behind)
-            relit.append((f"Albedo, lamp {where}", to_pixels(lit)))
+            relit.append((f"Albedo, lamp {where}", to_bytes(lit)))
         return first, relit
 
     firsts, lit = zip(*_side_by_side(views, TEXTURED_YAWS), strict=True)
@@ -112,7 +113,7 @@ def clay(avatar: Avatar) -> Iterator[View]:
 
     def view(what: tuple[str, Float32, int]) -> View:
         camera = turned_camera(what[1], what[2], *TILE)
-        return what[0], to_pixels(over(*clay_picture(avatar, what[1], camera, SAMPLES), backdrop(*TILE)))
+        return what[0], to_bytes(over(*clay_picture(avatar, what[1], camera, SAMPLES), backdrop(*TILE)))
 
     yield from _side_by_side(view, views)
 
@@ -152,14 +153,6 @@ def photo_light(avatar: Avatar) -> Triple:
     light = to_albedo(texture.texture, small_albedo(made.diffuse_albedo, (width, height)), texture.lit_skin)
     red, green, blue = (1 / float(value) for value in light)
     return red, green, blue
-
-
-def _small(texture: UInt8, size: tuple[int, int]) -> UInt8:
-    import cv2
-
-    if texture.shape[1] <= size[0]:
-        return texture
-    return np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _side_by_side(view: Callable[[What], Made], what: Sequence[What]) -> Iterator[Made]:
@@ -237,16 +230,11 @@ def _maps(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 
 def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     """Maps of the networks, reduced first, as they may have a hundred times the texels."""
-    import cv2
-
     from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
 
     made = avatar.reflectance
     if made is None:
         return
-
-    def small(codes: UInt16 | npt.NDArray[np.int16]) -> Float32:
-        return np.asarray(cv2.resize(codes, _map_size(), interpolation=cv2.INTER_AREA), np.float32)
 
     def grey(values: Float32) -> Image:
         return np.repeat(np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)[..., None], 3, 2)
@@ -254,12 +242,12 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     if made.diffuse_albedo is not None:
         yield "Diffuse albedo", small_albedo(made.diffuse_albedo, _map_size())
     if made.specular_albedo is not None:
-        yield "Specular albedo", grey(small(made.specular_albedo) * np.float32(1 / 65535))
+        yield "Specular albedo", grey(shrunk(made.specular_albedo, _map_size()) * np.float32(1 / 65535))
     for caption, normals in (("Specular", made.specular_normal), ("Diffuse", made.diffuse_normal)):
         if normals is not None:
-            yield f"{caption} normals, tangent space", encode_normals8(unpack_normals(small(normals)))
+            yield f"{caption} normals, tangent space", encode_normals8(unpack_normals(shrunk(normals, _map_size())))
     if made.displacement is not None:
-        height = (small(made.displacement) - MID) * np.float32(0.5 * SCALE_MM / _RELIEF_MM)
+        height = (shrunk(made.displacement, _map_size()) - MID) * np.float32(0.5 * SCALE_MM / _RELIEF_MM)
         yield f"Displacement, black and white at {_RELIEF_MM} mm", grey(height + np.float32(0.5))
 
 
@@ -348,8 +336,3 @@ def write_text(page: Image, text: str, x: int, y: int, size: int, colour: Colour
         return
     plain = text.translate(_WITHOUT_FONT).encode("ascii", "replace").decode()
     library.putText(page, plain, (x, y), library.FONT_HERSHEY_SIMPLEX, size / 32, colour, 1 + bold, library.LINE_AA)
-
-
-def to_pixels(picture: AnyFloat) -> Image:
-    """Coded values in [0, 1] -> uint8."""
-    return np.asarray(np.rint(np.clip(picture, 0.0, 1.0) * 255), np.uint8)

@@ -104,8 +104,8 @@ Openings = dict[str, Opening]
 class OpeningsNetwork:
     """The networks of both kinds."""
 
-    def __init__(self, sessions: dict[str, Session] | None = None, threads: int = 2) -> None:
-        self._sessions = sessions or {kind.name: load_session(kind.name, threads) for kind in KINDS}
+    def __init__(self, sessions: dict[str, Session] | None = None) -> None:
+        self._sessions = sessions or {kind.name: load_session(kind.name) for kind in KINDS}
 
     def __call__(self, pixels: UInt8, landmarks: Float64) -> Openings:
         """What the networks are sure of in an (H, W, 3) uint8 sRGB photo with landmarks (468, >= 2) in its pixels.
@@ -200,11 +200,8 @@ Scores = dict[str, float]
 class Landmarker:
     """Both networks."""
 
-    def __init__(self, sessions: tuple[Session, Session] | None = None, threads: int = 2) -> None:
-        self._points, self._scores = sessions or (
-            load_session("face_landmarker", threads),
-            load_session("face_blendshapes", threads),
-        )
+    def __init__(self, sessions: tuple[Session, Session] | None = None) -> None:
+        self._points, self._scores = sessions or (load_session("face_landmarker"), load_session("face_blendshapes"))
 
     def __call__(self, pixels: UInt8, landmarks: Float64) -> Scores | None:
         """Look at the face with landmarks (468, >= 2) of an (H, W, 3) uint8 sRGB photo.

@@ -102,8 +102,8 @@ def crop_of(landmarks: Float64, fill: float = FILL, above: float = ABOVE) -> Reg
 class ReaderNetwork:
     """The network applied to the crops of photos."""
 
-    def __init__(self, session: Session | None = None, threads: int = 2) -> None:
-        self._session = session or load_session("reader", threads)
+    def __init__(self, session: Session | None = None) -> None:
+        self._session = session or load_session("reader")
 
     def __call__(self, pixels: UInt8, region: Region) -> Reading:
         """Read one square region of an (H, W, 3) uint8 sRGB photo."""
@@ -196,8 +196,8 @@ easier to see than hair."""
 class PersonNetwork:
     """The network applied to the crop of a photo."""
 
-    def __init__(self, session: Session | None = None, threads: int = 2) -> None:
-        self._session = session or load_session("person", threads)
+    def __init__(self, session: Session | None = None) -> None:
+        self._session = session or load_session("person")
 
     def __call__(self, pixels: UInt8, region: Region) -> Float32:
         """(256, 256) float32 in [0, 1]: how much a pixel of the crop of an (H, W, 3) uint8 sRGB photo shows a person.

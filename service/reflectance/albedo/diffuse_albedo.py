@@ -40,7 +40,7 @@ from service.reflectance.planes import Planes
 from service.reflectance.translate import MapInputs, translate
 from service.robust import agreement, smoothstep
 from service.runtime.network_registry import CONTEXT, EYES, INPAINTED, LIDS, LIT, PARTS, SHOWN, TEXTURE, networks_of
-from service.runtime.networks import Engine, Network, describe_network, open_network
+from service.runtime.networks import Network, describe_network, open_network
 from service.runtime.tiles import run_whole
 from service.texture.texture import PhotoTexture
 
@@ -180,11 +180,6 @@ class Delit:
     error: Float32 | None
 
 
-def needs_context(engine: Engine) -> bool:
-    """Whether the network reads planes of the context network."""
-    return not set(CONTEXT).isdisjoint(describe_network(NETWORK, engine.folder).channels)
-
-
 def without(light: Float32, coded: Float32) -> Float32:
     """(h, w, 3) texture in [-1, 1] without a (3,) log light, at most ``BRIGHTEST``."""
     linear = srgb_to_linear(coded * np.float32(0.5) + np.float32(0.5)) * np.exp(-np.clip(light, -6, 6))
@@ -210,7 +205,7 @@ def diffuse_albedo(
     """
     ledger = ledger or Ledger()
     found: Found | None = None
-    if needs_context(job.engine):
+    if not set(CONTEXT).isdisjoint(describe_network(NETWORK, job.engine.folder).channels):
         with open_network(LIGHT_NETWORK, job.engine) as network:
             found = found_by(network, job.planes, ledger, photos)
             job.planes.add_coarse(network.description.planes(len(found.light)), found.light)

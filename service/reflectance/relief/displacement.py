@@ -83,8 +83,6 @@ def displacement(
     steps: Steps,
     mask: Bool,
     *,
-    tolerance: float = TOLERANCE,
-    most_steps: int = MOST_STEPS,
     keep_cliffs: bool = False,
 ) -> tuple[Float32, Integration]:
     """Heights (H, W) float32 in mm, positive outwards, of relief finer than ``COARSEST_MM``, within +-``MOST_MM``.
@@ -93,8 +91,6 @@ def displacement(
         normals: (H, W, 2) int16 codes of x and y, +Y up.
         steps: of the same chart, at any size.
         mask: (H, W) bool, texels of the surface; heights elsewhere are 0.
-        tolerance: relative residual at which the solver stops.
-        most_steps: of the solver.
         keep_cliffs: whether equations across cliffs may be given up, see ``service.reflectance.relief.integration``.
     """
     right, down, usable = _differences(normals, steps, mask)
@@ -103,7 +99,7 @@ def displacement(
     sources = divergence(right, down, usable)
     if not keep_cliffs:
         right = down = sources  # frees the slopes: 100 MB each for a map of 6144 x 4096
-    solved = solve(sources, usable, tolerance=tolerance, most_steps=most_steps)
+    solved = solve(sources, usable, tolerance=TOLERANCE, most_steps=MOST_STEPS)
     del sources
     height, cut = solved.height, None
     if keep_cliffs:
@@ -234,10 +230,10 @@ def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Bool) -> tu
     return right, down, usable
 
 
-def pad_heights(height: Float32, surface: Bool, outside: Bool, rounds: int = 3) -> None:
+def pad_heights(height: Float32, surface: Bool, outside: Bool) -> None:
     """Extend heights by three texels a round, in place, where ``outside`` is True, so that filters meet no edge."""
     known = surface
-    for _ in range(rounds):
+    for _ in range(3):
         known = _fill_holes(height, known, known | outside)
 
 

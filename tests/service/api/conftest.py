@@ -12,8 +12,8 @@ import httpx2
 import pytest
 from starlette.testclient import TestClient
 
-from service.api.app import create_app
 from service.api.context import Context
+from service.api.server import create_app
 from service.jobs.artifacts import artifact_name
 from service.jobs.database import JOBS
 from service.jobs.runner import Runner

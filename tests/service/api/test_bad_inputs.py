@@ -243,7 +243,7 @@ def test_the_service_has_nothing_to_fetch_with() -> None:
     import sys
     from pathlib import Path
 
-    modules = "sys, service.api.app, service.jobs.worker, service.jobs.avatar_process"
+    modules = "sys, service.api.server, service.jobs.worker, service.jobs.avatar_process"
     program = f"import {modules}; print(*sys.modules)"
     child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not {"httpx", "requests", "urllib3", "aiohttp"} & set(child.stdout.split())

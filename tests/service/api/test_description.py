@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from service.api.app import create_app
+from service.api.server import create_app
 from service.jobs.settings import Settings
 from service.map_registry import MAP_NAMES
 from service.options import Options

@@ -28,7 +28,7 @@ OF_A_WORKER = (
     "service.jobs.store:Store.progress:after",
     "service.jobs.workflow:Runner._store:before",  # the archive is written, and is not in its place
     "service.places:os.fsync:after",  # ... flushed, and not renamed
-    "service.places:_sync:before",  # ... renamed, and the folder is not flushed
+    "service.places:sync:before",  # ... renamed, and the folder is not flushed
     "service.jobs.artifacts:Artifacts.put:after",
     "service.jobs.store:Store.succeed:before",  # the step "make" is recorded
     "service.jobs.store:Store.succeed:after",  # the owner can see the end, and the queue does not know of it
