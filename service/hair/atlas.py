@@ -103,7 +103,7 @@ class Strokes:
     @classmethod
     def filling(
         cls, cell: int, offset: Float32, ends: Float32, colour: Float32, size: tuple[float, float], density: float,
-        ragged: float, rng: np.random.Generator,
+        ragged: tuple[float, float], rng: np.random.Generator,
     ) -> Strokes:  # fmt: skip
         """A cell full of strands, drawn from some (M, T) with their ends (M,) and colours (M, C, 3).
 
@@ -114,7 +114,7 @@ class Strokes:
             colour: linear.
             size: width and length of the ribbon, metres.
             density: 1 for ``STROKES`` strands.
-            ragged: share of the length over which they end.
+            ragged: shares of the length over which they begin and end.
             rng: chooses.
         """
         count = round(STROKES * density)
@@ -127,8 +127,8 @@ class Strokes:
         inner = wide * np.sign(apart) * np.abs(apart) ** (1.25 if density < 2 else 0.9)
         way = inner[:, None] + own + bend
         way = 0.97 * way / (1 + way**6) ** (1 / 6)
-        begin = rng.uniform(0, 0.06 if density < 2 else 0.01, count)
-        loss = ragged * rng.beta(1.1, 2.0, count) if density < 2 else rng.uniform(0, 0.12, count)
+        begin = rng.uniform(0, ragged[0] if density < 2 else 0.01, count)
+        loss = ragged[1] * rng.beta(1.1, 2.0, count) if density < 2 else rng.uniform(0, 0.12, count)
         # Strands at the sides are shorter, so that a ribbon ends in a point and not in a line.
         end = np.clip(ends[chosen] - loss * (0.3 + 0.7 * np.abs(apart)), begin + 0.1, 1.0)
         thick = rng.uniform(0.75, 1.3, count) * (1.0 if density < 2 else 1.2)

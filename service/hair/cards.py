@@ -89,6 +89,10 @@ CUTOFF = 0.35
 """Alpha below which a texel of hair is cut off: under one half, as mip levels thin out cards."""
 RAGGED_M, RAGGED = 0.03, (0.12, 0.5)
 """Length over which a ribbon's strands end, and the least and largest share of the ribbon that this may be."""
+BEGINS, SOFT_M = 0.06, 0.012
+"""Share of a ribbon over which its strands begin, and the length over which those of the hairline do."""
+HAIRLINE = 44
+"""Cell from which on cells of ribbons show those of the hairline."""
 IOR = 1.55
 """Of human hair (Marschner et al. 2003, table 1)."""
 SPECULAR = 0.5
@@ -122,9 +126,10 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     inner_rows = max(ROWS[0], rows // 2)
     ribbons = Ribbons.along(groom.strands, rows, wanted["body"] // (2 * rows), body, scalp, rng)
     inner = Ribbons.along(groom.strands, inner_rows, wanted["inner"] // (2 * inner_rows), body, scalp, rng)
-    inner = inner.backing(body, scalp)
+    inner = inner.backing(body, scalp, inner.holding(edge))
     hairs = _single_hairs(groom, edge, min(rows, 6), wanted["single"], body, rng)
-    strokes, cells, of_ribbon, of_inner, of_hair = _drawn(groom, colours, ribbons, inner, hairs, rng)
+    front = ribbons.holding(edge)
+    strokes, cells, of_ribbon, of_inner, of_hair = _drawn(groom, colours, ribbons, front, inner, hairs, rng)
     atlas = draw_atlas(strokes, cells, budget.atlas, colours[:, 0].mean(0), rng)
     return _parts(ribbons, inner, hairs, cap, (of_ribbon, of_inner, of_hair), atlas, body)
 
@@ -210,9 +215,21 @@ class Ribbons:
         half = np.maximum(half, 0.6 * half.max(1, keepdims=True))
         return cls(line, across, half.astype(np.float32), label)
 
-    def backing(self, body: Body, scalp: Scalp) -> Ribbons:
-        """These ribbons as an inner layer: wider, and a little deeper, but out of the head."""
-        line = self.line - np.float32(INNER_M) * body.outwards(self.line)
+    def holding(self, chosen: Bool) -> Bool:
+        """(K,) whether any of the chosen strands (N,) is among a ribbon's."""
+        return np.asarray(np.bincount(self.label, chosen, len(self.line)) > 0)
+
+    def backing(self, body: Body, scalp: Scalp, front: Bool) -> Ribbons:
+        """These ribbons as an inner layer: wider, a little deeper, but out of the head, and behind the hairline: those
+        that begin there are ``front`` (K,).
+        """
+        before = np.minimum(SOFT_M / np.maximum(self.length, 1e-6), 0.5) * front
+        rows = self.line.shape[1] - 1
+        at = rows * (before[:, None] + (1 - before)[:, None] * np.linspace(0, 1, rows + 1))
+        low, own = np.minimum(at.astype(int), rows - 1), np.arange(len(at))[:, None]
+        part = (at - low)[..., None].astype(np.float32)
+        line = self.line[own, low] * (1 - part) + self.line[own, low + 1] * part
+        line = line - np.float32(INNER_M) * body.outwards(line)
         line[:, 1:] = scalp.pushed(line[:, 1:], 0.0009, 2 * INNER_M)
         return Ribbons(line, self.across, np.minimum(1.35 * self.half, WIDEST_M), self.label)
 
@@ -325,12 +342,14 @@ def _single_hairs(groom: Groom, edge: Bool, rows: int, budget: int, body: Body, 
 
 
 def _drawn(
-    groom: Groom, colours: Float32, ribbons: Ribbons, inner: Ribbons, hairs: Ribbons, rng: np.random.Generator
-) -> tuple[Strokes, Cells, Int64, Int64, Int64]:
+    groom: Groom, colours: Float32, ribbons: Ribbons, front: Bool, inner: Ribbons, hairs: Ribbons,
+    rng: np.random.Generator,
+) -> tuple[Strokes, Cells, Int64, Int64, Int64]:  # fmt: skip
     """What the atlas shows, and the cell of each ribbon, inner ribbon and single hair.
 
     Ribbons whose strands are alike in place, width and colour share a cell; it is drawn from the strands of the ribbon
-    in the middle of them, and of those nearest to it.
+    in the middle of them, and of those nearest to it. Those of the hairline, ``front`` (K,), have cells of their own,
+    in which hairs begin one behind the other.
     """
     cells = Cells.layout()
     offset, ends = ribbons.offsets(groom.strands), ribbons.ends(groom.strands)
@@ -343,9 +362,12 @@ def _drawn(
     even = _means(ribbons.label, ends[:, None], count)
     wavy, tight = way.std(1, keepdims=True), spread.mean(1, keepdims=True)
     described = np.concatenate([2 * wavy, tight, 5.0 * tint, 0.5 * wide, 3.0 * even], 1).astype(np.float32)
-    of_ribbon = kmeans(described, len(cells.body), 6, rng)
+    of_ribbon = np.zeros(count, np.int64)
+    for some, first, last in ((~front, 0, HAIRLINE), (front, HAIRLINE, len(cells.body))):
+        if some.any():
+            of_ribbon[some] = first + kmeans(described[some], last - first, 6, rng)
     made: list[Strokes] = []
-    for cell in range(int(of_ribbon.max()) + 1):
+    for cell in np.unique(of_ribbon):
         own = np.flatnonzero(of_ribbon == cell)
         apart = np.square(described[own] - described[own].mean(0)).sum(1)
         near = own[np.argsort(apart, kind="stable")[:10]]
@@ -353,7 +375,8 @@ def _drawn(
         size = float(2 * ribbons.half[near].mean()), float(ribbons.length[near].mean())
         shown = offset[strands], ends[strands], colours[strands]
         ragged = float(np.clip(RAGGED_M / max(size[1], 1e-6), *RAGGED))
-        made.append(Strokes.filling(cells.body[cell], *shown, size, 1.0, ragged, rng))
+        begins = float(np.clip(SOFT_M / max(size[1], 1e-6), BEGINS, 0.5)) if cell >= HAIRLINE else BEGINS
+        made.append(Strokes.filling(cells.body[cell], *shown, size, 1.0, (begins, ragged), rng))
     # The inner ribbons and the single hairs differ in colour alone.
     places = _means(inner.label, tints, len(inner.line))
     of_inner = kmeans(places, len(cells.dense), 5, rng)
@@ -362,7 +385,7 @@ def _drawn(
         strands = rng.choice(strands, min(len(strands), 200), replace=False)
         size = float(2 * inner.half.mean()), float(inner.length.mean())
         shown = offset[strands], ends[strands], colours[strands]
-        made.append(Strokes.filling(cells.dense[cell], *shown, size, 2.6, 0.12, rng))
+        made.append(Strokes.filling(cells.dense[cell], *shown, size, 2.6, (BEGINS, 0.12), rng))
     of_hair = kmeans(tints[hairs.label], len(cells.single), 5, rng)
     for cell in range(int(of_hair.max()) + 1):
         strands = hairs.label[of_hair == cell]

@@ -10,7 +10,7 @@ from models.hair.random_styles import sample_style
 from service.colour import bytes_to_linear
 from service.geometry.mesh import face_normals
 from service.hair.atlas import Cells, cell_corners
-from service.hair.cards import CUTOFF, PARTS, Body, Budget, hair_parts
+from service.hair.cards import CUTOFF, HAIRLINE, PARTS, Body, Budget, hair_parts
 from service.hair.groom import Groom, make_groom
 from service.hair.scalp import mean_scalp
 from service.hair.style import NAMED
@@ -74,6 +74,29 @@ def test_alpha_holds_in_mip_levels(made: tuple[Groom, tuple[MeshPart, ...]]) -> 
     middle = small[round(len(small) - v0 - 0.5 * (v1 - v0)), int(u0 + 0.5 * (u1 - u0))]
     assert middle > CUTOFF
     assert abs(float(small.mean() - alpha.mean())) < 1e-3
+
+
+def test_hairs_of_the_hairline_begin_one_behind_the_other(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
+    """Ribbons that began with all of their hairs in one line drew a row of dark scallops on the forehead."""
+    alpha = atlas(made[1])[..., 3].astype(np.float32) / 255
+
+    def shown(cells: np.ndarray, first: float, last: float) -> float:
+        """Mean coverage of cells between two places along them."""
+        low, high = (corner * len(alpha) for corner in cell_corners(cells))
+        tall = high[:, 1] - low[:, 1]
+        rows = np.rint(len(alpha) - np.stack([low[:, 1] + last * tall, low[:, 1] + first * tall], 1)).astype(int)
+        columns = np.rint(np.stack([low[:, 0], high[:, 0]], 1)).astype(int)
+        return float(np.mean([alpha[a:b, left:right].mean()
+                              for (a, b), (left, right) in zip(rows, columns, strict=True)]))  # fmt: skip
+
+    body = Cells.layout().body
+    used = np.array([shown(body[k : k + 1], 0.0, 1.0) > 0 for k in range(len(body))])
+    front, rest = body[HAIRLINE:][used[HAIRLINE:]], body[:HAIRLINE][used[:HAIRLINE]]
+    assert len(front) and len(rest)
+    assert shown(rest, 0.08, 0.12) > 0.8 * shown(rest, 0.3, 0.4)
+    length = float(np.median(np.linalg.norm(np.diff(made[0].strands, axis=1), axis=2).sum(1)))
+    if length < 0.08:  # the part of a longer one over which its hairs begin is as much already
+        assert shown(front, 0.0, 0.04) < 0.6 * shown(rest, 0.04, 0.08)
 
 
 def test_the_cap_is_closed_where_hair_is_full(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
