@@ -330,4 +330,3 @@ def best_view(views: Sequence[View], fits: Sequence[Fit]) -> int:
         return squarely**2 * size * doubt * hidden
 
     return max(range(len(fits)), key=lambda index: (merit(index), -index))
-

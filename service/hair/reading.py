@@ -175,7 +175,7 @@ def read_hair(pixels: UInt8, reading: Reading, network: HairNetwork | None = Non
 WITNESS_HAIR, WITNESS_SKIN, LEAST_OWN = (0.4, 0.8), (0.7, 1.0), 0.1
 """Probabilities of hair and of skin by the reader of faces from which on it counts and up to which it counts in full,
 and the network's own below which it is not believed."""
-UNDECIDED = .37
+UNDECIDED = 0.37
 """Probability of hair where only the reader of faces sees any, as on a dark crown before a dark wall: neither grown to
 nor cut."""
 

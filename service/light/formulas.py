@@ -215,9 +215,7 @@ MOST_FLESH = 0.9
 """Largest albedo of what stands around; with 1 light would never leave a closed mouth."""
 
 
-def with_flesh(
-    irradiance: Float32, openness: Float32, albedo: Float32, radiosity: Float32
-) -> tuple[Float32, Float32]:
+def with_flesh(irradiance: Float32, openness: Float32, albedo: Float32, radiosity: Float32) -> tuple[Float32, Float32]:
     """Irradiance with what flesh sends from where no sky is seen, and the radiosity of that flesh.
 
     Flesh near a point that sees little of the sky lies deep itself, and receives what the point does (Stewart and

@@ -195,9 +195,7 @@ POSES = 8
 """Whose normals are computed at a time: those of 52 blendshapes take 100 MB more for a moment."""
 
 
-def normal_offsets(
-    part: MeshPart, triangles: AnyInt, still: Float32, offsets: Sequence[Float32]
-) -> Iterator[Float32]:
+def normal_offsets(part: MeshPart, triangles: AnyInt, still: Float32, offsets: Sequence[Float32]) -> Iterator[Float32]:
     """(N, 3) by how much :func:`part_normals` differ from those of the neutral part, ``still``, with each of several
     offsets (N, 3) of its vertices.
     """

@@ -37,9 +37,7 @@ def interpolated(plane: Float32, size: tuple[int, int], rows: Indices, columns: 
     return result
 
 
-def read_window(
-    planes: Iterable[Float32], size: tuple[int, int], rows: slice, columns: slice | None = None
-) -> Float32:
+def read_window(planes: Iterable[Float32], size: tuple[int, int], rows: slice, columns: slice | None = None) -> Float32:
     """(h, w, C) float32, a block a channel, of coarse planes (h', w') at rows and columns of a map of ``size``."""
     down, across = np.r_[rows], np.arange(size[0]) if columns is None else np.r_[columns]
     return np.moveaxis(np.stack([interpolated(plane, size, down, across) for plane in planes]), 0, -1)

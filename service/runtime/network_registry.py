@@ -136,5 +136,3 @@ def planes_of(name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         StopIteration: there is no network of that name.
     """
     return next((one.channels, one.outputs) for one in REGISTRY if one.name == name)
-
-

@@ -425,9 +425,7 @@ class Ahead:
     def load(self, names: Iterable[str]) -> None:
         """Load these too, in their order, and drop all others."""
         before = self._loads
-        self._loads = {
-            name: before.get(name) or self._pool.submit(load_network, name, self.engine) for name in names
-        }
+        self._loads = {name: before.get(name) or self._pool.submit(load_network, name, self.engine) for name in names}
 
     def take(self, name: str) -> Loaded | None:
         """A network, as soon as it is loaded; None where it was not asked for, or was taken before.

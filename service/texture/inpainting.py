@@ -58,9 +58,7 @@ def opacity(weight: AnyFloat) -> Float32:
     return smoothstep(np.asarray(weight, np.float32), 0.03, 0.25)
 
 
-def complete_skin(
-    chart: Chart, colour: Float32, seen: Float32, skin: Float32, scalp: Float32 | None
-) -> Completed:
+def complete_skin(chart: Chart, colour: Float32, seen: Float32, skin: Float32, scalp: Float32 | None) -> Completed:
     """Colour of all skin: base, detail and mirrored detail.
 
     Args:

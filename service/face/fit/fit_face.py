@@ -196,9 +196,7 @@ def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings, scores:
     mean = np.zeros(model.shape_count)
     for k, name in enumerate(model.expression_names, model.identity_count):
         mean[k] = (scores or {}).get(name, 0.0)
-    return Prior(
-        float(np.log(1.2)), distance_sigma, float(np.log(focal)), focal_sigma, precision, mean
-    )
+    return Prior(float(np.log(1.2)), distance_sigma, float(np.log(focal)), focal_sigma, precision, mean)
 
 
 def fit_face(
@@ -302,9 +300,7 @@ def _understood(head: HeadModel, model: LandmarkModel, view: View, initial: Land
     return found if agrees else None
 
 
-def _results(
-    views: Sequence[View], head: HeadModel, model: LandmarkModel, found: Sequence[LandmarkFit]
-) -> list[Fit]:
+def _results(views: Sequence[View], head: HeadModel, model: LandmarkModel, found: Sequence[LandmarkFit]) -> list[Fit]:
     """The finished fits: eyes on their rims in one place for all photos, then what moves in each."""
     neutral = head.shape(found[0].state.coefficients[: model.identity_count])
     if not np.isfinite(neutral).all():

@@ -80,6 +80,8 @@ class Softened:
     def at(self, position: AnyFloat) -> Float64:
         """(..., 2) positions in its pixels of photo pixels (..., 2), centres at +0.5 in both."""
         return (np.asarray(position, np.float64) - self.corner) / self.step
+
+
 LEFT_OUT = ("lips", "brow_left", "brow_right", "eyelid_left", "eyelid_right", "beard", "eye_socket", "mouth_inner")
 """Regions of the head that are not skin of one albedo."""
 
@@ -229,9 +231,7 @@ class OutlineFinder:
             return None
         return self._drawn(outline, shift, weight, sigma)
 
-    def crown_term(
-        self, reading: Reading, size: tuple[int, int], state: State, vertices: Float64
-    ) -> PointTerm | None:
+    def crown_term(self, reading: Reading, size: tuple[int, int], state: State, vertices: Float64) -> PointTerm | None:
         """Residuals between the contour and the border of what a reading calls the background, along its normals.
 
         Hair stands off the skull, so the skull ends where the background begins or within it; where bald skin borders

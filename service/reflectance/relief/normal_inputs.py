@@ -64,6 +64,7 @@ GAMMA = 2.2
 MOST_LIGHT = 4.0
 """Largest magnitude of the natural logarithm of the light that is divided by."""
 
+
 def shaded_grey(planes: Planes, albedo: Codes) -> Codes:
     """(H, W) codes of the grey texture, sRGB-coded, divided by its smooth light.
 
