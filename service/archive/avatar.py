@@ -75,8 +75,9 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Text of an avatar's meshes: OBJ of the head, and of its parts, and USD up to the materials."""
+    """Meshes that are drawn, and their text: OBJ of the head, and of its parts, and USD up to the materials."""
 
+    drawn: list[MeshPart]
     head: bytes
     parts: bytes
     usda: str

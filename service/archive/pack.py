@@ -7,7 +7,6 @@ memory are left out.
 from __future__ import annotations
 
 import gc
-from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import BinaryIO
@@ -27,7 +26,7 @@ from service.arrays import Float32
 from service.levels import LEVELS
 from service.manifest import to_json
 from service.map_registry import MAPS
-from service.materials.part import MeshPart, material_of
+from service.materials.part import material_of
 from service.runtime.sessions import release
 
 
@@ -61,8 +60,9 @@ def archive_members(avatar: Avatar) -> dict[str, bytes]:
         packed = pool.submit(_maps, avatar)
         pictures, values = pool.submit(chart_pictures, avatar), pool.submit(chart_values, avatar)
         previews = pool.submit(lambda: _previews(avatar, drawn.result()))
-        parts, maps = drawn_parts(avatar), map_files(avatar)
-        written = _meshes(avatar, parts, maps, pictures, values, drawn)
+        shapes, maps = avatar.shapes or draw_shapes(avatar), map_files(avatar)
+        parts = shapes.drawn
+        written = _meshes(avatar, shapes, maps, pictures, values, drawn)
         own = {f"maps/parts/{name}.png": data for name, data in drawn.result().textures.items()}
         files = packed.result() | written | own
         files |= {"LICENSES.md": licences_text(avatar).encode()} | previews.result()
@@ -72,7 +72,7 @@ def archive_members(avatar: Avatar) -> dict[str, bytes]:
 
 def _meshes(
     avatar: Avatar,
-    parts: Sequence[MeshPart],
+    shapes: Shapes,
     maps: MapFiles,
     pictures: Future[dict[str, EncodedPicture]],
     values: Future[dict[str, Float32]],
@@ -80,7 +80,7 @@ def _meshes(
 ) -> dict[str, bytes]:
     """Name -> content of everything under ``mesh/``, while the chart's pictures and values may still be drawn."""
     head, fit, made = avatar.head, avatar.fit, avatar.reflectance
-    title, shapes = _title(avatar), avatar.shapes or draw_shapes(avatar)
+    title, parts = _title(avatar), shapes.drawn
     materials = [part.material for part in parts]
     files = {
         "mesh/head.obj": shapes.head,
@@ -121,9 +121,9 @@ def _maps(avatar: Avatar) -> dict[str, bytes]:
 def draw_shapes(avatar: Avatar) -> Shapes:
     """Text of an avatar's meshes, which has nothing of its maps."""
     head, fit, title = avatar.head, avatar.fit, _title(avatar)
-    joints = skeleton(head, fit.neutral)
+    joints, drawn = skeleton(head, fit.neutral), drawn_parts(avatar)
     usda = usda_meshes(
-        drawn_parts(avatar),
+        drawn,
         title,
         units=head.expression_names,
         expression=weights_by_name(head.expression_names, fit.expression),
@@ -131,7 +131,7 @@ def draw_shapes(avatar: Avatar) -> Shapes:
         weights=joint_weights(head, joints),
     )
     parts = parts_obj_bytes(avatar.parts, title) if avatar.parts else b""
-    return Shapes(obj_bytes(head, fit.vertices, title), parts, usda)
+    return Shapes(drawn, obj_bytes(head, fit.vertices, title), parts, usda)
 
 
 def _title(avatar: Avatar) -> str:

@@ -19,7 +19,7 @@ from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.head.regions import part_vertices, vertex_mask
 from service.image_filters import shrunk
-from service.materials.part import MeshPart, normal_offsets, part_normals
+from service.materials.part import MeshPart, part_normals
 from service.reflectance.reflectance_maps import MID, SCALE_MM
 
 vertex_normals = area_normals
@@ -59,10 +59,7 @@ class Piece:
 
     def offsets(self, units: Sequence[str]) -> Iterator[tuple[Float32, Float32]]:
         """(N, 3) offsets of position and of normal of each unit, zero where they are negligible."""
-        part, corners = self.part, split_polygons(self.part.polygons)
-        moved = {unit: part.targets[unit].astype(np.float32) for unit in units if unit in part.targets}
-        still = part_normals(part, part.neutral, corners)
-        turned = dict(zip(moved, normal_offsets(part, corners, still, list(moved.values())), strict=True))
+        moved, turned = self.part.targets, self.part.turned
         none = np.zeros((len(self.vertex), 3), np.float32)
         for unit in units:
             if unit in moved:

@@ -137,7 +137,9 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
         weights = np.tile(np.eye(len(JOINTS), dtype=np.float32)[JOINTS.index(part.bone)], (len(part.neutral), 1))
     influences, indices = _influences(weights)
     both = np.concatenate([part.vertices, part.neutral])
-    turned = normal_offsets(part, corners, still, list(shapes.values()))
+    turned = dict(part.turned)
+    if REST in shapes:
+        turned[REST] = next(normal_offsets(part, corners, still, [shapes[REST]]))
     chart, across = _chart(part)
     paths = ", ".join(f"</Head/{part.name}/{name}>" for name in shapes)
     values: dict[str, str | None] = {
@@ -161,7 +163,7 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
         "normal3f[] normals": (_VERTEX,), "texCoord2f[] primvars:st": (across,),
         "int[] primvars:skel:jointIndices": influence, "float[] primvars:skel:jointWeights": influence,
     }  # fmt: skip
-    below = [_shape(name, offsets, turn) for (name, offsets), turn in zip(shapes.items(), turned, strict=True)]
+    below = [_shape(name, offsets, turned[name]) for name, offsets in shapes.items()]
     return Prim("Mesh", part.name, values, facts, ("MaterialBindingAPI", "SkelBindingAPI"), below)
 
 

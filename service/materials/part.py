@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from service.arrays import AnyFloat, AnyInt, Float32, Int32, Int64, UInt8
 from service.errors import NumericFault
 from service.geometry.mesh import area_normals, normalise
+from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.materials.material import ChartMap, Material, OwnMap, checked_name
 
@@ -84,6 +86,13 @@ class MeshPart:
     def polygons_uv(self) -> Int32:
         """(F, 4) int32 as :attr:`polygons`, indices into ``uv``."""
         return _four(self.faces if self.uv_faces is None else self.uv_faces)
+
+    @cached_property
+    def turned(self) -> dict[str, Float32]:
+        """(N, 3) offsets of the neutral unit normals at full activation, by unit; kept, as each format has them."""
+        corners = split_polygons(self.polygons)
+        still = part_normals(self, self.neutral, corners)
+        return dict(zip(self.targets, normal_offsets(self, corners, still, list(self.targets.values())), strict=True))
 
     @property
     def own_maps(self) -> tuple[OwnMap, ...]:

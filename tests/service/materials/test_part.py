@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
+from service.geometry.mesh import area_normals
+from service.head.files import split_polygons
 from service.materials.material import ChartMap, Material
 from service.materials.part import head_parts
 from tests.service.archive.toys import toy_head, toy_part
@@ -56,3 +58,14 @@ def test_the_heads_own_parts_are_the_head() -> None:
         np.testing.assert_array_equal(part.uv[part.polygons_uv[present]], head.uv[head.polygon_uv[chosen][present]])
         assert "tongueOut" not in part.targets, "moves nothing"
     assert parts[4].bone == "jaw" and parts[1].bone == "eye_left" and parts[0].bone == "head"
+
+
+def test_a_part_knows_how_each_unit_turns_its_normals() -> None:
+    head = toy_head()
+    for part in head_parts(head, head.mean, head.mean):
+        assert list(part.turned) == list(part.targets)
+        triangles = split_polygons(part.polygons)
+        still = area_normals(part.neutral, triangles)
+        for unit, offsets in part.targets.items():
+            np.testing.assert_array_equal(part.turned[unit], area_normals(part.neutral + offsets, triangles) - still)
+        assert part.turned is part.turned
