@@ -28,6 +28,7 @@ from service.manifest import to_json
 from service.map_registry import MAPS
 from service.materials.part import material_of
 from service.runtime.sessions import release
+from service.runtime.tiles import SMALL_MAP
 
 
 def write_archive(avatar: Avatar, target: Path | BinaryIO) -> None:
@@ -41,8 +42,10 @@ def write_archive(avatar: Avatar, target: Path | BinaryIO) -> None:
         OutputFault: the file or the stream could not be written.
         NumericFault: a result holds NaN or infinity.
     """
-    gc.collect()
-    release()  # hundreds of MiB that the stages left in pieces
+    made = avatar.reflectance
+    if made is not None and made.size[0] * made.size[1] > SMALL_MAP:
+        gc.collect()
+        release()  # hundreds of MiB that the stages left in pieces
     members = archive_members(avatar)
     try:
         if isinstance(target, Path):

@@ -22,10 +22,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import AnyFloat, Float32, Int64, UInt8, UInt16
+from service.arrays import AnyFloat, Bool, Float32, Int64, UInt8, UInt16
 from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
-from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.image_filters import blurred, each_around, most, shrunk
 from service.reflectance.planes import read_window
@@ -34,7 +33,7 @@ from service.reflectance.reflectance_maps import NORMAL_ONE, Wrinkle, unpack_nor
 
 @dataclass(frozen=True)
 class Strain:
-    """Symmetric (h, w) float32 components of C in the neutral tangent frame: x along u, y up across it; 1, 0, 1 where
+    """Symmetric (...) float32 components of C in the neutral tangent frame: x along u, y up across it; 1, 0, 1 where
     nothing moves or the chart has no area.
     """
 
@@ -44,9 +43,9 @@ class Strain:
 
     @classmethod
     def of(cls, neutral: Float32, moved: Float32) -> Strain:
-        """From first fundamental forms (h, w, 3) of the same chart, as ``Chart.metric`` gives them."""
-        e0, f0, g0 = np.moveaxis(neutral.astype(np.float64), 2, 0)
-        e, f, g = np.moveaxis(moved.astype(np.float64), 2, 0)
+        """From first fundamental forms (..., 3) of the same chart, as ``Chart.metric`` gives them."""
+        e0, f0, g0 = np.moveaxis(neutral.astype(np.float64), -1, 0)
+        e, f, g = np.moveaxis(moved.astype(np.float64), -1, 0)
         along = np.sqrt(np.maximum(e0, 0))
         sound = along > 1e-6
         a = np.where(sound, along, 1)
@@ -68,8 +67,8 @@ class Strain:
         return stretch.astype(np.float32), np.stack([np.cos(angle), np.sin(angle)], -1).astype(np.float32)
 
     def along(self, direction: Float32) -> Float32:
-        """(h, w) stretch of lines in directions (h, w, 2), unit vectors of the neutral frame."""
-        x, y = np.moveaxis(direction, 2, 0)
+        """(...) stretch of lines in directions (..., 2), unit vectors of the neutral frame."""
+        x, y = np.moveaxis(direction, -1, 0)
         return np.asarray(np.sqrt(np.maximum(self.xx * x * x + 2 * self.xy * x * y + self.yy * y * y, 0)), np.float32)
 
 
@@ -144,13 +143,17 @@ class Creases:
         stretch, across = Strain.of(neutral, _smoothed(chart, fit.vertices)).smallest()
         low, high = COMPRESSED
         ramp = np.clip((1 - stretch - low) / (high - low), 0, 1)
-        weights = _spread(np.asarray(ramp * ramp * (3 - 2 * ramp) * _foldable(chart), np.float32), across)
-        weights *= _foldable(chart)
+        foldable = _foldable(chart)
+        weights = _spread(np.asarray(ramp * ramp * (3 - 2 * ramp) * foldable, np.float32), across) * foldable
         if not weights.any():
             return None
         parts = {name: {unit: shown[unit] for unit in shown if group_of(unit) == name} for name in GROUPS}
-        shares = np.stack([_compression(chart, head, fit.neutral, neutral, across, units) for units in parts.values()])
-        group = np.asarray(shares.argmax(0), np.uint8)
+        # Interpolated weights reach a texel further.
+        folded = cv2.dilate(np.asarray(weights.max(0) > 0, np.uint8), np.ones((3, 3), np.uint8)) > 0
+        rest, still, towards = fit.neutral, neutral[folded], across[folded]
+        shares = [_compression(chart, rest, still, towards, folded, units) for units in parts.values()]
+        group = np.zeros(folded.shape, np.uint8)
+        group[folded] = np.argmax(shares, 0)
         there = set(np.unique(group[weights.max(0) > 0]).tolist())
         units = {name: parts[name] for index, name in enumerate(GROUPS) if index in there}
         return cls(weights, group, units)
@@ -162,14 +165,14 @@ def group_of(unit: str) -> str:
 
 
 def _compression(
-    chart: Chart, head: HeadModel, rest: AnyFloat, neutral: Float32, across: Float32, units: Mapping[str, float]
+    chart: Chart, rest: AnyFloat, neutral: Float32, across: Float32, folded: Bool, units: Mapping[str, float]
 ) -> Float32:
-    """(h, w) compression across the folds by some units alone."""
+    """(n,) compression across the folds by some units alone, at the texels that are ``folded`` (h, w)."""
     if not units:
-        return np.full(across.shape[:2], -np.inf, np.float32)
-    indices = [head.expression_names.index(unit) for unit in units]
-    moved = rest + np.einsum("k,kvc->vc", np.array(list(units.values())), head.expression[indices].astype(np.float64))
-    return np.asarray(1 - Strain.of(neutral, _smoothed(chart, moved)).along(across), np.float32)
+        return np.full(len(across), -np.inf, np.float32)
+    offsets = chart.head.expression[[chart.head.expression_names.index(unit) for unit in units]]
+    moved = rest + np.einsum("k,kvc->vc", np.array(list(units.values())), offsets.astype(np.float64))
+    return np.asarray(1 - Strain.of(neutral, _smoothed(chart, moved)[folded]).along(across), np.float32)
 
 
 def _spread(weight: Float32, across: Float32) -> Float32:
