@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -32,7 +32,6 @@ INK: Colour = (38, 42, 48)
 GREY: Colour = (118, 122, 128)
 WARNING: Colour = (176, 72, 20)
 
-_WITHOUT_FONT = str.maketrans({"°": "", "·": "-", "–": "-", "²": "2"})
 What = TypeVar("What")
 Made = TypeVar("Made")
 
@@ -324,15 +323,7 @@ def paste(page: Image, picture: Image, x: int, y: int) -> None:
 
 
 def write_text(page: Image, text: str, x: int, y: int, size: int, colour: Colour = INK, *, bold: bool = False) -> None:
-    """Write one line of ``text`` into ``page``, its baseline starting at (x, y), ``size`` pixels high.
-
-    OpenCV 5 has a typeface; before it there are only stroke fonts, without a degree sign.
-    """
+    """Write one line of ``text`` into ``page``, its baseline starting at (x, y), ``size`` pixels high."""
     import cv2
 
-    library: Any = cv2
-    if hasattr(library, "FontFace"):
-        library.putText(page, text, (x, y), colour, library.FontFace("sans"), size, 600 if bold else 400)
-        return
-    plain = text.translate(_WITHOUT_FONT).encode("ascii", "replace").decode()
-    library.putText(page, plain, (x, y), library.FONT_HERSHEY_SIMPLEX, size / 32, colour, 1 + bold, library.LINE_AA)
+    cv2.putText(page, text, (x, y), colour, cv2.FontFace("sans"), size, 600 if bold else 400)

@@ -11,9 +11,8 @@ import jsonschema
 import pytest
 
 from service import manifest as schema
-from service.archive.describe import describe
 from service.archive.maps import MapFiles
-from service.archive.pack import archive_members
+from service.archive.pack import archive_members, describe
 from service.errors import NumericFault
 from service.manifest import json_schema, to_json
 from tests.service.archive.toys import toy_avatar
