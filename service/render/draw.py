@@ -318,7 +318,7 @@ def see(model: DrawnHead, camera: Camera, samples: float, chart: Float32 | None 
         flat, depth = projected(drawn.part.vertices)
         double = drawn.part.material.double_sided
         front = np.flatnonzero(double | (signed_area(flat, drawn.triangles) < 0))
-        front = front[np.argsort(depth[drawn.triangles[front]].mean(1), kind="stable")]
+        front = front[np.argsort(sum(depth[corner] for corner in drawn.triangles[front].T), kind="stable")]
         for some in np.array_split(front, max(len(front) // LAYER, 1)):
             found = fragments(flat, depth, drawn.triangles[some], width, height, nearer=nearest)
             if not len(found.pixel):

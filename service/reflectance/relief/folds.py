@@ -308,15 +308,16 @@ def _lines(x: Float32, y: Float32, there: Int64) -> tuple[Float32, Float32]:
 
 def _share(creases: Creases, x: Float32, y: Float32) -> Float32:
     """(h, w) in [0, 1], how much of relief with slopes (h, w) to the right and up is the expression's."""
-    weights = [cv2.resize(weight, (x.shape[1], x.shape[0])) for weight in creases.weights]
-    there = np.flatnonzero(np.maximum.reduce(weights))
+    size = x.shape[1::-1]
+    there = np.flatnonzero(np.asarray(cv2.resize(creases.weights.max(0), size)) > 0)
     line, direction = _lines(x, y, there)
     # Tent functions of the direction, with a period of pi.
     place = direction * (DIRECTIONS / np.pi) % DIRECTIONS
     total = np.zeros_like(line)
-    for k, weight in enumerate(weights):
+    for k, weight in enumerate(creases.weights):
         apart = np.abs(place - k)
-        total += np.maximum(1 - np.minimum(apart, DIRECTIONS - apart), 0) * np.asarray(weight).ravel()[there]
+        own = np.asarray(cv2.resize(weight, size)).ravel()[there]
+        total += np.maximum(1 - np.minimum(apart, DIRECTIONS - apart), 0) * own
     share = np.zeros(x.shape, np.float32)
     share.ravel()[there] = total * line
     return share
