@@ -81,8 +81,8 @@ LEAST_COSINE = 0.3
 """Least cosine between the inward normal and the way to a point that bounds the ball. A neighbour on the same smooth
 side has a smaller one, and only says how the surface is curved there, with the error of its normal."""
 
-_BLOCK = 256
-"""Vertices that are compared with all others at once."""
+_BLOCK = 64
+"""Vertices that are compared with all others at once: their tables stay in the processor's cache."""
 
 
 def flesh_mm(head: HeadModel, vertices: AnyFloat) -> Float32:
@@ -116,9 +116,10 @@ def flesh_mm(head: HeadModel, vertices: AnyFloat) -> Float32:
         along = direction @ q.T - np.einsum("ni,ni->n", direction, p)[:, None]
         facing = along > LEAST_COSINE * np.sqrt(distance2)
         facing &= distance2 > 1e-4  # not the vertex itself
-        np.divide(distance2, along, out=distance2, where=facing)
-        np.copyto(distance2, LARGEST_MM, where=~facing)
-        result[own[first : first + _BLOCK]] = np.minimum(distance2.min(1), LARGEST_MM)
+        along[~facing] = 0.0  # their balls are infinite: faster than to divide the others alone
+        with np.errstate(divide="ignore", invalid="ignore"):
+            balls = distance2 / along
+        result[own[first : first + _BLOCK]] = np.fmin(np.fmin.reduce(balls, 1), LARGEST_MM)
     return result
 
 

@@ -232,9 +232,10 @@ def wrinkles_of(fold: Float32, creases: Creases, shape: tuple[int, ...]) -> tupl
     group = cv2.resize(creases.group, fold.shape[1::-1], interpolation=cv2.INTER_NEAREST)
     size, wrinkles = _small((shape[0] // 2, shape[1] // 2)), []
     for name, units in creases.units.items():
-        own = np.where((group == list(GROUPS).index(name))[..., None], fold, np.float32(0))
-        if np.abs(own).max() > LEAST_SLOPE:
-            wrinkles.append(Wrinkle(name, units, _codes(shrunk(own, size))))
+        here = group == list(GROUPS).index(name)
+        own = [np.where(here, slope, np.float32(0)) for slope in np.moveaxis(fold, 2, 0)]
+        if max(float(np.abs(slope).max()) for slope in own) > LEAST_SLOPE:
+            wrinkles.append(Wrinkle(name, units, _codes(shrunk(np.dstack(own), size))))
     return tuple(wrinkles)
 
 
