@@ -20,7 +20,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from service.arrays import AnyFloat, Bool, Float32, Int32, Int64
+from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, Int64
 from service.geometry.mesh import face_normals
 from service.hair.atlas import SAMPLES, Atlas, Cells, Strokes, cell_corners, draw_atlas
 from service.hair.groom import Groom
@@ -50,6 +50,8 @@ SHARES = {"body": 0.72, "inner": 0.14, "single": 0.14}
 """Of the triangles that the cap leaves: ribbons, what closes slits below them, single hairs."""
 ROW_M = 0.028
 """Length of a ribbon's quads."""
+FIRST_ROW_M, MOST_UNEVEN = 0.02, 1.6
+"""Length of the first quad, and the power by which rows lie closer at the root, at most."""
 ROWS = (3, 14)
 """Fewest and most quads of a ribbon; waves and curls are in its texture."""
 TINTS = 8
@@ -89,8 +91,8 @@ CUTOFF = 0.35
 """Alpha below which a texel of hair is cut off: under one half, as mip levels thin out cards."""
 RAGGED_M, RAGGED = 0.03, (0.12, 0.5)
 """Length over which a ribbon's strands end, and the least and largest share of the ribbon that this may be."""
-BEGINS, SOFT_M = 0.06, 0.012
-"""Share of a ribbon over which its strands begin, and the length over which those of the hairline do."""
+BEGINS, SOFT_M = 0.06, 0.01
+"""Most of a ribbon over which its strands begin behind the hairline, and the length over which they do."""
 HAIRLINE = 44
 """Cell from which on cells of ribbons show those of the hairline."""
 IOR = 1.55
@@ -176,28 +178,31 @@ class Ribbons:
         across: (K, S + 1, 3) float32 unit, from one side to the other.
         half: (K, S + 1) float32 metres, half their widths.
         label: (N,) int64, the ribbon of each strand.
+        at: (S + 1,) where rows lie along a ribbon, 0 its root and 1 its tip.
     """
 
     line: Float32
     across: Float32
     half: Float32
     label: Int64
+    at: Float64
 
     @classmethod
     def along(
         cls, strands: Float32, rows: int, count: int, body: Body, scalp: Scalp, rng: np.random.Generator
     ) -> Ribbons:
         """At most ``count`` ribbons of ``rows`` quads along the bundles of strands (N, P, 3)."""
-        coarse = np.einsum("rp,npc->nrc", _window(strands.shape[1], 8), strands)
+        at = places(strands, rows)
+        coarse = np.einsum("rp,npc->nrc", _window(strands.shape[1], np.linspace(0, 1, 8)), strands)
         # Where they begin and end tells bundles apart more than where they run.
         weight = np.array([1.4, 1, 1, 1, 1, 1, 1, 1.2], np.float32)[:, None]
         label = kmeans((coarse * weight).reshape(len(strands), -1), min(count, max(len(strands) // 2, 1)), 4, rng)
         number = np.bincount(label).astype(np.float32)
-        weights = _window(strands.shape[1], rows + 1)
+        weights = _window(strands.shape[1], at)
         own = np.einsum("rp,npc->nrc", weights, strands)
         line = _means(label, own, len(number))
         step = line[:, -1] - line[:, -2]
-        line[:, -1] += step * LONGER * rows
+        line[:, -1] += step * np.float32(LONGER / (1 - at[-2]))
         # Half of a bundle's roots lie before their middle: without this, bare scalp shows along partings and whorls.
         first = unit(line[:, 1] - line[:, 0])
         before = ((own[:, 0] - line[label, 0]) * first[label]).sum(1, keepdims=True)
@@ -213,7 +218,7 @@ class Ribbons:
         run = np.linalg.norm(np.diff(line, axis=1), axis=2).sum(1, keepdims=True)
         half = np.clip(SPREAD * spread, NARROWEST_M, np.minimum(WIDEST_M, SLENDER * run + NARROWEST_M))
         half = np.maximum(half, 0.6 * half.max(1, keepdims=True))
-        return cls(line, across, half.astype(np.float32), label)
+        return cls(line, across, half.astype(np.float32), label, at)
 
     def holding(self, chosen: Bool) -> Bool:
         """(K,) whether any of the chosen strands (N,) is among a ribbon's."""
@@ -223,19 +228,23 @@ class Ribbons:
         """These ribbons as an inner layer: wider, a little deeper, but out of the head, and behind the hairline: those
         that begin there are ``front`` (K,).
         """
-        before = np.minimum(SOFT_M / np.maximum(self.length, 1e-6), 0.5) * front
+        before = np.minimum(0.5 * SOFT_M / np.maximum(self.length, 1e-6), 0.5) * front
         rows = self.line.shape[1] - 1
-        at = rows * (before[:, None] + (1 - before)[:, None] * np.linspace(0, 1, rows + 1))
+        at = self.row(before[:, None] + (1 - before)[:, None] * self.at)
         low, own = np.minimum(at.astype(int), rows - 1), np.arange(len(at))[:, None]
         part = (at - low)[..., None].astype(np.float32)
         line = self.line[own, low] * (1 - part) + self.line[own, low + 1] * part
         line = line - np.float32(INNER_M) * body.outwards(line)
         line[:, 1:] = scalp.pushed(line[:, 1:], 0.0009, 2 * INNER_M)
-        return Ribbons(line, self.across, np.minimum(1.35 * self.half, WIDEST_M), self.label)
+        return Ribbons(line, self.across, np.minimum(1.35 * self.half, WIDEST_M), self.label, self.at)
+
+    def row(self, along: Float64) -> Float64:
+        """Places along ribbons, in [0, 1], as rows."""
+        return np.interp(along, self.at, np.arange(len(self.at)))
 
     def offsets(self, strands: Float32) -> Float32:
         """(N, SAMPLES) sideways place of strands (N, P, 3) on their ribbons, in half widths."""
-        at = np.linspace(0, self.line.shape[1] - 1, SAMPLES)
+        at = self.row(np.linspace(0, 1, SAMPLES))
         own = _between(strands, np.linspace(0, strands.shape[1] - 1, SAMPLES))
         line, across = _between(self.line, at), unit(_between(self.across, at))
         half = _between(self.half[..., None], at)[..., 0]
@@ -307,11 +316,26 @@ def _means(label: Int64, values: Float32, count: int) -> Float32:
     return np.asarray(sums / number[:, None], np.float32).reshape(count, *values.shape[1:])
 
 
-def _window(points: int, rows: int) -> Float32:
-    """(rows, points) weights of a line's points for each of its rows: means over as much as a row stands for."""
-    at = np.linspace(0, points - 1, rows)[:, None]
+def places(strands: Float32, rows: int) -> Float64:
+    """(rows + 1,) where rows of ribbons along strands (N, P, 3) lie, in [0, 1]: closer where they leave the skin.
+
+    There long ribbons lie on a round head, and a quad's middle would lie within it.
+    """
+    length = float(np.median(np.linalg.norm(np.diff(strands, axis=1), axis=2).sum(1)))
+    power = np.log(FIRST_ROW_M / max(length, FIRST_ROW_M)) / np.log(1 / max(rows, 2))
+    return np.asarray(np.linspace(0, 1, rows + 1) ** np.clip(power, 1.0, MOST_UNEVEN))
+
+
+def _window(points: int, along: Float64) -> Float32:
+    """(rows, points) weights of a line's points for each of its rows: means over as much as a row stands for.
+
+    Args:
+        points: of the line.
+        along: (rows,) where the rows lie, in [0, 1].
+    """
+    at = ((points - 1) * along)[:, None]
     # The window gets narrower towards root and tip, where the line has to be met.
-    wide = np.minimum(max((points - 1) / max(rows - 1, 1), 1.0), np.minimum(at, points - 1 - at) + 1.0)
+    wide = np.minimum(np.maximum(np.gradient(at[:, 0])[:, None], 1.0), np.minimum(at, points - 1 - at) + 1.0)
     weight = np.maximum(1 - np.abs(np.arange(points)[None] - at) / wide, 0)
     return np.asarray(weight / weight.sum(1, keepdims=True), np.float32)
 
@@ -331,14 +355,15 @@ def _single_hairs(groom: Groom, edge: Bool, rows: int, budget: int, body: Body, 
     chosen = chosen if len(chosen) <= 0.7 * most else rng.choice(chosen, int(0.7 * most), replace=False)
     rest = rng.choice(len(groom), min(most - len(chosen), len(groom)), replace=False)
     chosen = np.concatenate([chosen, rest])
-    line = np.einsum("rp,npc->nrc", _window(groom.strands.shape[1], rows + 1), groom.strands[chosen])
+    at = places(groom.strands, rows)
+    line = np.einsum("rp,npc->nrc", _window(groom.strands.shape[1], at), groom.strands[chosen])
     shift = rng.normal(0, 0.0009, (len(chosen), 1, 3)).astype(np.float32)
     out = body.outwards(line[:, 0])[:, None]
     shift -= out * (shift * out).sum(2, keepdims=True)
-    line = line + shift * np.linspace(1, 1.8, rows + 1, dtype=np.float32)[None, :, None]
+    line = line + shift * (1 + 0.8 * at).astype(np.float32)[None, :, None]
     across = facing(line, body.outwards(line), rng)
     half = np.full(line.shape[:2], HAIR_M, np.float32)
-    return Ribbons(np.asarray(line, np.float32), across, half, chosen.astype(np.int64))
+    return Ribbons(np.asarray(line, np.float32), across, half, chosen.astype(np.int64), at)
 
 
 def _drawn(
@@ -375,7 +400,7 @@ def _drawn(
         size = float(2 * ribbons.half[near].mean()), float(ribbons.length[near].mean())
         shown = offset[strands], ends[strands], colours[strands]
         ragged = float(np.clip(RAGGED_M / max(size[1], 1e-6), *RAGGED))
-        begins = float(np.clip(SOFT_M / max(size[1], 1e-6), BEGINS, 0.5)) if cell >= HAIRLINE else BEGINS
+        begins = min(SOFT_M / max(size[1], 1e-6), 0.5 if cell >= HAIRLINE else BEGINS)
         made.append(Strokes.filling(cells.body[cell], *shown, size, 1.0, (begins, ragged), rng))
     # The inner ribbons and the single hairs differ in colour alone.
     places = _means(inner.label, tints, len(inner.line))
@@ -464,7 +489,7 @@ def _mesh(ribbons: Ribbons, cell: Int64, body: Body) -> Mesh:
     side = ribbons.half[..., None] * ribbons.across
     points = np.stack([ribbons.line - side, ribbons.line + side], 2)
     low, high = cell_corners(cell)
-    along = np.linspace(0, 1, rows, dtype=np.float32)
+    along = ribbons.at.astype(np.float32)
     u = np.stack([low[:, 0], high[:, 0]], 1)[:, None].repeat(rows, 1)
     v = (low[:, 1:] + (high - low)[:, 1:] * along)[..., None].repeat(2, 2)
     quad = (2 * np.arange(rows - 1)[:, None, None] + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from models.hair.random_styles import sample_style
 from service.colour import bytes_to_linear
 from service.geometry.mesh import face_normals
 from service.hair.atlas import Cells, cell_corners
-from service.hair.cards import CUTOFF, HAIRLINE, PARTS, Body, Budget, hair_parts
+from service.hair.cards import CAP_M, CUTOFF, HAIRLINE, PARTS, Body, Budget, hair_parts
 from service.hair.groom import Groom, make_groom
 from service.hair.scalp import mean_scalp
 from service.hair.style import NAMED
@@ -19,6 +20,7 @@ from service.materials.material import OwnMap
 from service.materials.part import MeshPart, check_parts
 
 SMALL = Budget(12_000, 512)
+MOST_WITHIN = 0.06
 STYLES = [*NAMED.values(), *(sample_style(seed) for seed in (5, 11, 40))]
 
 
@@ -64,6 +66,15 @@ def test_ribbons_lie_on_the_strands(made: tuple[Groom, tuple[MeshPart, ...]]) ->
     for part in parts:
         assert (part.vertices >= low).all()
         assert (part.vertices <= high).all()
+
+
+def test_ribbons_do_not_dip_into_the_head(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
+    """Long quads that left a round forehead flat went through it, and the shade of roots looked like bare skin."""
+    groom, (cards, *_) = made
+    middle = cards.vertices[cards.faces].mean(1)
+    root = cKDTree(groom.strands[:, 0]).query(middle)[0]
+    over = middle[(root > 0.004) & (root < 0.03)]  # few of shaved hair
+    assert len(over) < 500 or (mean_scalp().outside(over) < CAP_M).mean() < MOST_WITHIN
 
 
 def test_alpha_holds_in_mip_levels(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
