@@ -336,8 +336,9 @@ def made_ahead() -> Ahead:
     """What drafts on the head in the box have in common, kept where it is made, and the networks of their maps."""
     draft = Options(quality="draft")
     _read_tables(ahead.head_and_chart(draft.base_size, None, ahead.modes_of(draft))[0])
-    for module in ("overlay", "sheet"):
-        import_module(f"service.archive.preview.{module}")
+    sheet = import_module("service.archive.preview.sheet")
+    sheet.write_text(sheet.blank(1, 1), "0", 0, 1, 1)  # reads the typeface
+    import_module("service.archive.preview.overlay")
     return Ahead(draft.plan().networks, choose_engine(draft.runtime, precision=draft.level.precision))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,7 @@ import pytest
 
 from service.archive.pack import draw
 from service.archive.preview.overlay import crop_box, overlay
-from service.archive.preview.sheet import (
-    TILE,
-    sheet,
-)
+from service.archive.preview.sheet import TILE, blank, sheet, write_text
 from service.colour import bytes_to_linear
 from service.geometry.camera import Camera
 from service.light.environment import Illumination
@@ -90,3 +88,15 @@ def test_sheet_shows_views_facts_and_maps() -> None:
     many = replace(toy_avatar(), warnings=tuple(f"warning-{i}" for i in range(9)))
     assert sheet(many, draw(many)).shape == first.shape
     assert (sheet(many, draw(many)) != first).any(), "warnings are on the sheet"
+
+
+def test_text_is_the_same_from_any_thread() -> None:
+    def written() -> np.ndarray:
+        page = blank(120, 40)
+        write_text(page, "45°", 5, 30, 20, bold=True)
+        return page
+
+    with ThreadPoolExecutor(4) as pool:
+        pages = [one.result() for one in [pool.submit(written) for _ in range(8)]]
+    assert len(np.unique(pages[0])) > 8, "nothing is written"
+    assert all(np.array_equal(one, pages[0]) for one in pages)
