@@ -45,12 +45,14 @@ from service.face.fit.landmark_fit import at_barycentric
 from service.face.identity import Recogniser, centred_cosine, distance, population
 from service.face.profile import faces_by_reading
 from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all, with_frames
+from service.geometry.chart import islands
 from service.hair.asked import NONE
 from service.hair.bank import read_bank
 from service.hair.find_hair import grow_hair, see_hair
 from service.hair.worn_hair import hair_cards, hair_in_albedo
 from service.head.model import HeadModel
 from service.levels import Size
+from service.light.formulas import session
 from service.manifest import IdentitySimilarity
 from service.materials.part import MeshPart, coarser
 from service.options import Options
@@ -144,7 +146,7 @@ def make_avatar(
         engine = held.enter_context(loading_ahead(early, engine, networks.maps()))  # only now: many are refused
         with stage("fit"):
             head, chart = placed.result()
-            pool.submit(_read_tables, head)  # while the fit leaves a core idle
+            pool.submit(_read_tables, head, options.map_size)  # while the fit leaves a core idle
             if reads:
                 gathered = kept("read", read_all, gathered, networks.readers())
             gathered = kept("fit", fitted, gathered, head, options.fit_settings())
@@ -335,19 +337,20 @@ def _sources(gathered: Gathered, texture: Texture, *, detail: bool) -> tuple[Sou
 def made_ahead() -> Ahead:
     """What drafts on the head in the box have in common, kept where it is made, and the networks of their maps."""
     draft = Options(quality="draft")
-    _read_tables(ahead.head_and_chart(draft.base_size, None, ahead.modes_of(draft))[0])
-    sheet = import_module("service.archive.preview.sheet")
-    sheet.write_text(sheet.blank(1, 1), "0", 0, 1, 1)  # reads the typeface
-    import_module("service.archive.preview.overlay")
+    _read_tables(ahead.head_and_chart(draft.base_size, None, ahead.modes_of(draft))[0], draft.map_size)
+    previews = import_module("service.archive.preview.overlay")
+    previews.write_text(previews.blank(1, 1), "0", 0, 1, 1)  # reads the typeface
     return Ahead(draft.plan().networks, choose_engine(draft.runtime, precision=draft.level.precision))
 
 
-def _read_tables(head: HeadModel) -> None:
+def _read_tables(head: HeadModel, size: Size) -> None:
     """What all photos have in common beside the head, kept where it is read."""
     for read in (read_bank, read_items, read_insets, population, error_model):
         read()
     albedo_prior(False)
     coarse_chart(head)
+    islands(head, size)
+    session("irradiance", 1)
 
 
 COMPARED_SIZE, SAMPLES = (240, 300), 1.5

@@ -24,9 +24,9 @@ import numpy as np
 
 from service.archive.images import decode_normals8, exr_bytes
 from service.archive.maps import MapFiles
-from service.archive.surfaces import vertex_normals
 from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int32, Int64, UInt8
 from service.errors import BadMesh, NumericFault
+from service.geometry.mesh import area_normals
 from service.head.files import split_polygons, triangle_fields
 from service.head.model import HeadModel
 from service.image_filters import shrunk
@@ -51,7 +51,7 @@ def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str) -> bytes:
     """
     if not np.isfinite(vertices).all():
         raise NumericFault(f"vertex {int(np.argwhere(~np.isfinite(vertices))[0, 0])} of the head is not finite")
-    normals = [vertex_normals(vertices, head.triangles)]
+    normals = [area_normals(vertices, head.triangles)]
     return _text(title, len(head.polygons), [vertices], [head.uv], normals, _own_faces(head))
 
 

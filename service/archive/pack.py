@@ -85,12 +85,11 @@ def archive_members(avatar: Avatar) -> dict[str, bytes]:
         pictures, values = pool.submit(chart_pictures, avatar), pool.submit(chart_values, avatar)
         previews = pool.submit(lambda: _previews(avatar, drawn.result()))
         shapes, maps = avatar.shapes or draw_shapes(avatar), map_files(avatar)
-        parts = shapes.drawn
         written = _meshes(avatar, shapes, maps, pictures, values, drawn)
         own = {f"maps/parts/{name}.png": data for name, data in drawn.result().textures.items()}
         files = packed.result() | written | own
         files |= {"LICENSES.md": licences_text(avatar).encode()} | previews.result()
-    files["manifest.json"] = to_json(describe(avatar, files, parts, maps))
+    files["manifest.json"] = to_json(describe(avatar, files, shapes.drawn, maps))
     return files
 
 

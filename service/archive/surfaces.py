@@ -22,8 +22,6 @@ from service.image_filters import shrunk
 from service.materials.part import MeshPart, part_normals
 from service.reflectance.reflectance_maps import MID, SCALE_MM
 
-vertex_normals = area_normals
-"""The normals of all meshes in the archive but masked cards."""
 SMALLEST_OFFSET_M = 2.5e-5
 """Shorter position offsets of a blendshape are written as 0."""
 SMALLEST_TURN = 0.03
@@ -134,7 +132,7 @@ def displaced(head: HeadModel, vertices: Float64, displacement: UInt16) -> Float
     Vertices on a cut of the chart take the mean height of both sides, so that the mesh stays closed.
     """
     height = heights_at(head, displacement) * 1e-3
-    normals = vertex_normals(vertices, head.triangles).astype(np.float64)
+    normals = area_normals(vertices, head.triangles).astype(np.float64)
     before = face_normals(vertices, head.triangles)
     for halving in range(MOST_HALVINGS + 1):
         moved = vertices + height[:, None] * normals

@@ -178,8 +178,7 @@ def nearest_inside(mask: Bool) -> Int64:
     if mask.all() or not mask.any():
         return index
     outside = (~mask).astype(np.uint8)
-    _, label = cv2.distanceTransformWithLabels(outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    label = np.asarray(label)
+    label = np.asarray(cv2.distanceTransformWithLabels(outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[1])
     source = np.zeros(int(label.max()) + 1, np.int64)
     source[label[mask]] = index[mask]
     return np.asarray(source[label])

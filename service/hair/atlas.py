@@ -277,9 +277,8 @@ def _cubic(t: Float32, samples: int) -> Float32:
 
 def _nearest(shown: np.ndarray) -> Int64:
     """(n, n) for each texel the number, row by row, of the nearest one that is shown."""
-    _, label = cv2.distanceTransformWithLabels(
-        (~shown).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
-    )
+    hidden = (~shown).astype(np.uint8)
+    _, label = cv2.distanceTransformWithLabels(hidden, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL)
     known = np.flatnonzero(shown)
     number = np.zeros(int(label.max()) + 1, np.int64)
     number[label.ravel()[known]] = np.arange(len(known))

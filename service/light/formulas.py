@@ -134,7 +134,7 @@ class Graphs:
             NumericFault: an input or the result is not finite.
         """
         arrays = {key: np.ascontiguousarray(value, np.float32) for key, value in inputs.items()}
-        return np.asarray(_session(name, self._threads).run(arrays)[0], np.float32)
+        return np.asarray(session(name, self._threads).run(arrays)[0], np.float32)
 
     def at_points(self, name: str, points: dict[str, Float32], **fixed: AnyFloat) -> Float32:
         """(C, N) or (N,) of a graph whose ``points`` are (C, N) or (N,), in pieces; raises as :meth:`run`."""
@@ -168,7 +168,8 @@ class Graphs:
 
 
 @functools.lru_cache(maxsize=16)
-def _session(name: str, threads: int) -> Session:
+def session(name: str, threads: int) -> Session:
+    """A graph, kept once it is loaded; raises as :func:`service.runtime.sessions.load_session`."""
     return load_session(name, threads, FOLDER, in_order=True)
 
 

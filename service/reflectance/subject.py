@@ -85,9 +85,8 @@ def drawn_geometry(chart: Chart, vertices: AnyFloat) -> Float32:
     exact, tangent = shape_normals(chart, vertices)
     position = chart.fill_outside(chart.interpolate(chart.head.mean)) * np.float32(scale)
     depth = depth_map(chart, vertices) * np.float32(scale)
-    mask = chart.mask.astype(np.float32)
-    planes = [depth, *np.moveaxis(exact, 2, 0), *np.moveaxis(tangent, 2, 0), *np.moveaxis(position, 2, 0), mask]
-    return np.stack([np.asarray(plane, np.float32) for plane in planes])
+    fields = (depth[..., None], exact, tangent, position, chart.mask[..., None].astype(np.float32))
+    return np.concatenate([np.moveaxis(one, 2, 0) for one in fields])
 
 
 @dataclass(frozen=True)

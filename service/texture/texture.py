@@ -144,8 +144,7 @@ def overall_normals(chart: Chart, normal: AnyFloat) -> Float64:
 
 def depth_map(chart: Chart, vertices: AnyFloat) -> Float32:
     """(H, W) float32 metres: z of each texel in head space, extended beyond the islands."""
-    depth = chart.interpolate(np.asarray(vertices)[:, 2])[..., 0]
-    return chart.fill_outside(depth)
+    return chart.fill_outside(chart.interpolate(np.asarray(vertices)[:, 2])[..., 0])
 
 
 SMOOTHNESS = 0.5

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from service.archive.surfaces import vertex_normals
+from service.geometry.mesh import area_normals
 
 Float = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -217,7 +217,7 @@ def _obj_file(path: Path, materials: dict[str, tuple[Any, ...]]) -> list[Surface
         own, place = np.unique(triangles.reshape(-1, triangles.shape[2]), axis=0, return_inverse=True)
         # Without normals a smoothing group stands for them.
         has = own.shape[1] == 3
-        turned = normals[own[:, 2]] if has else vertex_normals(points, triangles[..., 0])[own[:, 0]]
+        turned = normals[own[:, 2]] if has else area_normals(points, triangles[..., 0])[own[:, 0]]
         at = points[own[:, 0]], np.asarray(turned, np.float64), uv[own[:, 1]]
         found.append(Surface(name, *at, place.reshape(-1, 3).astype(np.int64), *materials[used[0]]))
     return found

@@ -330,5 +330,4 @@ def write_text(page: Image, text: str, x: int, y: int, size: int, colour: Colour
     """Write one line of ``text`` into ``page``, its baseline starting at (x, y), ``size`` pixels high."""
     import cv2
 
-    face = cv2.FontFace("sans")
-    _PEN.submit(cv2.putText, page, text, (x, y), colour, face, size, 600 if bold else 400).result()
+    _PEN.submit(cv2.putText, page, text, (x, y), colour, cv2.FontFace("sans"), size, 600 if bold else 400).result()

@@ -153,9 +153,7 @@ def coarse_part(height: Float32, mask: Bool, steps: Steps) -> Float32:
         share = np.maximum(1 - np.abs(level - index), 0)
         if share.any():
             smooth += share * _wide_planes(total, weight, width_px)
-    result = np.asarray(stretched_to(smooth, height.shape[::-1]), np.float32)
-    result *= mask
-    return result
+    return np.asarray(stretched_to(smooth, height.shape[::-1]) * mask, np.float32)
 
 
 def _wide_planes(total: Float32, weight: Float32, sigma: float) -> Float32:

@@ -29,6 +29,7 @@ from service.head.regions import vertex_mask
 from service.image_filters import blurred, each_around, most, shrunk
 from service.reflectance.planes import read_window
 from service.reflectance.reflectance_maps import NORMAL_ONE, Wrinkle, unpack_normals
+from service.robust import smoothstep
 
 
 @dataclass(frozen=True)
@@ -141,17 +142,14 @@ class Creases:
             return None
         neutral = _smoothed(chart, fit.neutral)
         stretch, across = Strain.of(neutral, _smoothed(chart, fit.vertices)).smallest()
-        low, high = COMPRESSED
-        ramp = np.clip((1 - stretch - low) / (high - low), 0, 1)
         foldable = _foldable(chart)
-        weights = _spread(np.asarray(ramp * ramp * (3 - 2 * ramp) * foldable, np.float32), across) * foldable
+        weights = _spread(np.asarray(smoothstep(1 - stretch, *COMPRESSED) * foldable), across) * foldable
         if not weights.any():
             return None
         parts = {name: {unit: shown[unit] for unit in shown if group_of(unit) == name} for name in GROUPS}
         # Interpolated weights reach a texel further.
         folded = cv2.dilate(np.asarray(weights.max(0) > 0, np.uint8), np.ones((3, 3), np.uint8)) > 0
-        rest, still, towards = fit.neutral, neutral[folded], across[folded]
-        shares = [_compression(chart, rest, still, towards, folded, units) for units in parts.values()]
+        shares = [_compression(chart, fit.neutral, neutral, across, folded, units) for units in parts.values()]
         group = np.zeros(folded.shape, np.uint8)
         group[folded] = np.argmax(shares, 0)
         there = set(np.unique(group[weights.max(0) > 0]).tolist())
@@ -169,10 +167,11 @@ def _compression(
 ) -> Float32:
     """(n,) compression across the folds by some units alone, at the texels that are ``folded`` (h, w)."""
     if not units:
-        return np.full(len(across), -np.inf, np.float32)
+        return np.full(int(folded.sum()), -np.inf, np.float32)
     offsets = chart.head.expression[[chart.head.expression_names.index(unit) for unit in units]]
     moved = rest + np.einsum("k,kvc->vc", np.array(list(units.values())), offsets.astype(np.float64))
-    return np.asarray(1 - Strain.of(neutral, _smoothed(chart, moved)[folded]).along(across), np.float32)
+    strain = Strain.of(neutral[folded], _smoothed(chart, moved)[folded])
+    return np.asarray(1 - strain.along(across[folded]), np.float32)
 
 
 def _spread(weight: Float32, across: Float32) -> Float32:

@@ -164,9 +164,9 @@ def test_no_triangle_is_turned_over_however_wild_the_relief() -> None:
     before = face_normals(points, fine.triangles)
     after = face_normals(displaced(fine, points, wild), fine.triangles)
     assert (np.einsum("ti,ti->t", before, after) >= 0).all()
-    from service.archive.surfaces import vertex_normals
+    from service.geometry.mesh import area_normals
 
-    plain = points + 1e-3 * heights_at(fine, wild)[:, None] * vertex_normals(points, fine.triangles)
+    plain = points + 1e-3 * heights_at(fine, wild)[:, None] * area_normals(points, fine.triangles)
     assert (np.einsum("ti,ti->t", before, face_normals(plain, fine.triangles)) < 0).any(), "the test is too easy"
 
 
