@@ -164,7 +164,7 @@ def _kind(codec: int, data: bytes) -> str:
 
 JOB_ID = re.compile(r"[0-9a-f]{32}\Z")
 
-INTERVAL = 0.1
+INTERVAL = 0.25
 """Seconds between two looks at the database for new events."""
 
 _CHUNK = 500

@@ -45,7 +45,7 @@ def test_the_password_of_a_database_is_in_no_message() -> None:
     assert "secret" not in refused.value.message
 
 
-@pytest.mark.parametrize(("database", "photos"), [("", 0.2), ("postgresql://host/x", 0.5)])
+@pytest.mark.parametrize(("database", "photos"), [("", 0.1), ("postgresql://host/x", 0.5)])
 def test_photos_wait_less_where_nobody_else_asks_the_database(database: str, photos: float, tmp_path: Path) -> None:
     """Would break: a sixth of a second of each draft over HTTP, or many workers that ask one Postgres all the time."""
     settings = Settings(data=tmp_path, database=database)
