@@ -153,7 +153,7 @@ def made(photo: Photo, models: Path) -> tuple[Avatar, npt.NDArray[np.float64]]:
     avatar = make_avatar(photo.data, replace(options, maps=("texture",)))
     subject = Subject.fitted(avatar.head, avatar.fit).wearing(avatar.texture)
     engine = choose_engine(options.runtime, precision=options.level.precision, folder=models)
-    return avatar, albedo_of(make_reflectance(avatar.texture.texture, subject, options.plan(), SIZE, engine))
+    return avatar, albedo_of(make_reflectance(avatar.texture.legible, subject, options.plan(), SIZE, engine))
 
 
 def tone_of(angle: float) -> str:

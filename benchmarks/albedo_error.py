@@ -86,7 +86,7 @@ def clues_of(avatar: Avatar) -> Float32:
     planes = Planes(SIZE)
     planes.add_coarse(GEOMETRY, subject.geometry)
     planes.add_coarse(CLUES, subject.clues)
-    planes.add_codes("texture", resample(avatar.texture.texture.astype(np.uint16) * np.uint16(257), SIZE))
+    planes.add_codes("texture", resample(avatar.texture.legible.astype(np.uint16) * np.uint16(257), SIZE))
     options = Options(quality="draft")
     with open_network(LIGHT_NETWORK, choose_engine(options.runtime, precision=options.level.precision)) as network:
         return found_by(network, planes).clues

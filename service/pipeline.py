@@ -230,7 +230,7 @@ def make_avatar(
                 own_texture = kept("own_texture", own_texture_of, texture, own, size)
         if subject is not None:
             reflectance = make_reflectance(
-                texture.texture,
+                texture.legible,
                 replace(subject.result().wearing(texture), wrinkles=AGES[options.wrinkles]),
                 plan,
                 options.map_size,

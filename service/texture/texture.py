@@ -29,7 +29,7 @@ from service.robust import smoothstep
 from service.texture.blending import Blend, Layer, blend
 from service.texture.finer_cover import finer_cover, in_the_dark
 from service.texture.inpainting import Completed, complete_skin
-from service.texture.part_colours import paint_parts
+from service.texture.part_colours import Parts, paint_parts
 from service.texture.unwrap import (
     Unwrapped,
     Zones,
@@ -71,8 +71,9 @@ class Texture:
     islands.
 
     Attributes:
-        texture: (H, W, 3) uint8 sRGB, the photo's light baked in; skin that is too dark there for its colour to be told
-            is completed as where the photo shows none.
+        texture: (H, W, 3) uint8 sRGB, the photo's light baked in; skin that is black there is completed.
+        bright: (H, W, 3) uint8, the same with all skin that is too dark in the photo for its colour to be told
+            completed as where the photo shows none; None: there is none.
         confidence: (H, W) uint8: ``SEEN`` to 255 seen in the photo, ``MIRRORED`` to ``SEEN - 1`` mirrored from the
             other side, each by weight; 0 inpainted.
         lit_skin: (H, W) uint8, 255 where the texel is skin of the photo, seen or mirrored, so that the light can be
@@ -102,6 +103,12 @@ class Texture:
     tooth: Float32 | None = None
     roots: UInt8 | None = None
     photos: tuple[PhotoTexture, ...] = ()
+    bright: UInt8 | None = None
+
+    @property
+    def legible(self) -> UInt8:
+        """(H, W, 3) uint8 sRGB in the photo's light, what albedo is told from."""
+        return self.texture if self.bright is None else self.bright
 
     @property
     def seen_by(self) -> UInt8 | None:
@@ -184,7 +191,7 @@ def left_by_roots(texture: Texture, hair: WornHair) -> UInt8 | None:
         return None
     # Colour of roots over the mean of the hair's strands: no light gets between them.
     root = np.clip(hair.root_colour * np.float32(0.8), 0, 1)
-    left = np.minimum(root / np.maximum(bytes_to_linear(texture.texture), np.float32(1e-3)), 1)  # never lighter
+    left = np.minimum(root / np.maximum(bytes_to_linear(texture.legible), np.float32(1e-3)), 1)  # never lighter
     return to_bytes(1 + texture.roots[..., None] * np.float32(1 / 255) * (left - 1))
 
 
@@ -202,12 +209,12 @@ class Unwrappings:
     Attributes:
         zones: of the inner texels (N,).
         sights: of each photo what it shows, the parts (N, 13) read there, and (N,) how far strands and rims hide the
-            head, or darkness its colour; 0 where nothing was read.
+            head, and darkness its colour; 0 where nothing was read.
         normals: (H, W, 3) float32 unit, of the head in head space, continued beyond the islands.
     """
 
     zones: Zones
-    sights: tuple[tuple[Unwrapped, Float32, Float32], ...]
+    sights: tuple[tuple[Unwrapped, Float32, Float32, Float32], ...]
     normals: Float32
 
     @classmethod
@@ -249,16 +256,27 @@ def make_texture(
     known = known or Unwrappings.of(chart, views)
     zones = known.zones
 
-    layers = [_layer(chart, zones, seen, part, cover, bald=bald) for seen, part, cover in known.sights]
-    mixed = blend(chart, layers, [one for _, one, _ in views], zones)
+    def made(telling: bool) -> tuple[list[Layer], Blend, Completed, Parts]:
+        """What photos show, mixed and completed, with eyes and mouth: but what is black, or tells no colour."""
+        layers = [
+            _layer(chart, zones, seen, part, np.maximum(cover, dark if telling else dark * _black(seen)), bald=bald)
+            for seen, part, cover, dark in known.sights
+        ]
+        mixed = blend(chart, layers, [one for _, one, _ in views], zones)
+        unwrapped, part, _, found = (getattr(mixed.layer, name) for name in _LAYER)
+        scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
+        on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
+        fallback = DEFAULT_SKIN if found.colour is None else found.colour
+        completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp)
+        person, sure = fallback if fit.cheek is None else fit.cheek, _confidence(completed)
+        given = chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person
+        return layers, mixed, completed, paint_parts(*given)
+
+    layers, mixed, completed, parts = made(telling=True)
     unwrapped, part, weight, found = (getattr(mixed.layer, name) for name in _LAYER)
-    scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
-    on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
-    fallback = DEFAULT_SKIN if found.colour is None else found.colour
-    completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp)
-    person, sure = fallback if fit.cheek is None else fit.cheek, _confidence(completed)
-    parts = paint_parts(chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person)
-    texture = chart.fill_outside(chart.spread(parts.colour))
+    texture, bright = chart.fill_outside(chart.spread(parts.colour)), None
+    if any((dark > 0.5).any() for _, _, _, dark in known.sights):
+        texture, bright = chart.fill_outside(chart.spread(made(telling=False)[-1].colour)), to_bytes(texture)
     roots = None
     if bald:
         shadow = root_shadow(chart, None if reading is None else part, weight, zones)
@@ -280,8 +298,17 @@ def make_texture(
     return Texture(
         to_bytes(texture), code, shown, known.normals, chart.mask, fraction, warnings,
         to_bytes(parts.albedo), parts.iris, parts.tooth, roots,
-        _per_photo(chart, layers, mixed, parts.colour, [one for _, one, _ in views]) if others else (),
+        _per_photo(chart, layers, mixed, parts.colour, [one for _, one, _ in views]) if others else (), bright,
     )  # fmt: skip
+
+
+BLACK = (0.12, 0.25)
+"""Coded value of the brightest channel up to which skin in the dark is black, and from which on it is not."""
+
+
+def _black(unwrapped: Unwrapped) -> Float32:
+    """(N,) in [0, 1], 1 where a photo is black in all colours: in a cap's shadow, and not where its light has one."""
+    return np.float32(1) - smoothstep(unwrapped.colour.max(1), *BLACK)
 
 
 _LAYER = ("unwrapped", "parts", "weight", "found")
@@ -289,17 +316,20 @@ _LAYER = ("unwrapped", "parts", "weight", "found")
 
 def _sight(
     chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None
-) -> tuple[Unwrapped, Float32, Float32]:
+) -> tuple[Unwrapped, Float32, Float32, Float32]:
     """One of the sights of :class:`Unwrappings`."""
     unwrapped = unwrap(photo, fit, chart)
     if reading is None:
-        return unwrapped, parts_of_face(chart, unwrapped, zones), np.zeros_like(unwrapped.weight)
+        nothing = np.zeros_like(unwrapped.weight)
+        return unwrapped, parts_of_face(chart, unwrapped, zones), nothing, nothing
     part = parts_at(reading, fit, unwrapped)
     read = chart, unwrapped, part, zones
-    return unwrapped, part, np.maximum(finer_cover(*read), in_the_dark(*read))
+    return unwrapped, part, finer_cover(*read), in_the_dark(*read)
 
 
-def _layer(chart: Chart, zones: Zones, unwrapped: Unwrapped, part: Float32, cover: Float32, *, bald: bool) -> Layer:
+def _layer(
+    chart: Chart, zones: Zones, unwrapped: Unwrapped, part: Float32, cover: Float32, *, bald: bool
+) -> Layer:
     """What one photo shows of the head."""
     weight = unwrapped.weight
     hidden = np.maximum(covered(part, zones, bald=bald), cover)
