@@ -33,16 +33,12 @@ from service.anatomy.mouth import mouth_parts
 from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo, to_albedo, worn
 from service.archive.avatar import Avatar, Drawn, Shapes, Source, model_cards
 from service.archive.pack import draw, draw_shapes
-from service.arrays import UInt8
 from service.budget import within_budget
-from service.colour import bytes_to_linear
 from service.diagnosis import peak_rss_mb
 from service.face.features.eye_colours import NAMED_IRISES
 from service.face.features.mouth import with_mouth_shut
 from service.face.finder import Face, choose_face
-from service.face.fit.fit import Fit
-from service.face.fit.landmark_fit import at_barycentric
-from service.face.identity import Recogniser, centred_cosine, distance, population
+from service.face.identity import population
 from service.face.profile import faces_by_reading
 from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all, with_frames
 from service.geometry.chart import islands
@@ -53,8 +49,9 @@ from service.hair.worn_hair import hair_cards, hair_in_albedo
 from service.head.model import HeadModel
 from service.levels import Size
 from service.light.formulas import session
+from service.likeness import likeness
 from service.manifest import IdentitySimilarity
-from service.materials.part import MeshPart, coarser
+from service.materials.part import coarser
 from service.options import Options
 from service.photo.photo import Photo
 from service.reflectance.albedo.albedo_prior import albedo_prior, error_model
@@ -63,8 +60,6 @@ from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.relief.folds import AGES
 from service.reflectance.subject import Subject, coarse_chart
 from service.reflectance.surface_maps import flesh_mm, surface_maps
-from service.render.draw import DrawnHead, over, see, sketch
-from service.render.view import turned_camera
 from service.runtime.networks import Ahead, choose_engine, loading_ahead
 from service.runtime.tiles import DEFAULT_TILE, SMALL_MAP
 from service.stage_cache import NoCache, StageCache
@@ -351,37 +346,3 @@ def _read_tables(head: HeadModel, size: Size) -> None:
     coarse_chart(head)
     islands(head, size)
     session("irradiance", 1)
-
-
-COMPARED_SIZE, SAMPLES = (240, 300), 1.5
-"""Width and height of the render, pixels, of which the network takes a crop of 150; samples per pixel and axis."""
-
-
-def likeness(
-    photo: Photo, face: Face, head: HeadModel, fit: Fit, texture: UInt8, recogniser: Recogniser,
-    parts: Sequence[MeshPart] = (),
-) -> IdentitySimilarity:  # fmt: skip
-    """Distance and centred cosine between the photo and a frontal render of the textured head.
-
-    It is rendered from the front whatever the pose in the photo, so that the score depends on shape and texture; in the
-    photo's own pose, any shape would reproduce the photo that was projected onto it.
-
-    Args:
-        photo: what the head was made from.
-        face: its landmarks in that photo.
-        head: the head model.
-        fit: the fitted head.
-        texture: (h, w, 3) uint8 sRGB on the chart.
-        recogniser: the identity network.
-        parts: hair and the like, coloured as in the photo's light.
-    """
-    camera = turned_camera(fit.vertices, 0.0, *COMPARED_SIZE)
-    colours = bytes_to_linear(texture)
-    seen = see(DrawnHead.of(head, fit.vertices, parts), camera, SAMPLES, colours)
-    picture = over(*sketch(seen, seen.read(colours)), np.full((1, 1, 3), 0.5, np.float32))
-    pixels = (picture * 255.0 + 0.5).astype(np.uint8)
-    corners = head.triangles[head.landmark_triangle]
-    landmarks = camera.project(at_barycentric(fit.vertices, corners, head.landmark_barycentric))
-    theirs = recogniser.embed(photo.pixels, face.landmarks)
-    ours = recogniser.embed(pixels, landmarks)
-    return IdentitySimilarity(distance(theirs, ours), centred_cosine(theirs, ours), population().impostor)

@@ -197,17 +197,18 @@ def main(
     Raises:
         UsageError: there are too few captures, or too few without a beard, or not one of both sources is named.
     """
-    if (data is None) == (unpainted is None):
-        raise UsageError("a prior is learnt from --data or begins as --unpainted: name one of both")
-    if unpainted is not None:
+    arrays: dict[str, npt.NDArray[np.generic]]
+    if data is not None and unpainted is None:
+        arrays = of_captures(data, count)
+    elif unpainted is not None and data is None:
         with np.load(unpainted, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     else:
-        arrays = of_captures(Path(str(data)), count)
+        raise UsageError("a prior is learnt from --data or begins as --unpainted: name one of both")
     for kind in ("", BARE):
         arrays[kind + "mean"] = with_lids(arrays[kind + "mean"].astype(np.float32)).astype(np.float16)
     output.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(output, **arrays)
+    np.savez_compressed(output, **arrays)  # type: ignore[arg-type]
     typer.echo(f"{output}: of {data or unpainted}")
 
 

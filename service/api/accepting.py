@@ -13,7 +13,8 @@ from typing import Any, TypeVar
 from fastapi import Request
 from starlette.concurrency import run_in_threadpool
 
-from service.api.context import FIXED, Context, cost
+from service.api.context import Context
+from service.api.decoding import FIXED, cost
 from service.api.keys import Tenant
 from service.api.problem_responses import HttpProblem
 from service.api.uploads import Upload

@@ -124,22 +124,23 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     edge = on_hairline(groom.strands[:, 0])
     cap = _cap(groom, scalp)
     wanted = {name: int(share * max(budget.triangles - len(cap[3]), 0)) for name, share in SHARES.items()}
-    rows = _rows(groom, wanted["body"])
+    length = float(np.median(np.linalg.norm(np.diff(groom.strands, axis=1), axis=2).sum(1)))
+    rows = _rows(length, len(groom), wanted["body"])
     inner_rows = max(ROWS[0], rows // 2)
-    ribbons = Ribbons.along(groom.strands, rows, wanted["body"] // (2 * rows), body, scalp, rng)
-    inner = Ribbons.along(groom.strands, inner_rows, wanted["inner"] // (2 * inner_rows), body, scalp, rng)
+    at, inner_at, hair_at = (places(length, count) for count in (rows, inner_rows, min(rows, 6)))
+    ribbons = Ribbons.along(groom.strands, at, wanted["body"] // (2 * rows), body, scalp, rng)
+    inner = Ribbons.along(groom.strands, inner_at, wanted["inner"] // (2 * inner_rows), body, scalp, rng)
     inner = inner.backing(body, scalp, inner.holding(edge))
-    hairs = _single_hairs(groom, edge, min(rows, 6), wanted["single"], body, rng)
+    hairs = _single_hairs(groom, edge, hair_at, wanted["single"], body, rng)
     front = ribbons.holding(edge)
     strokes, cells, of_ribbon, of_inner, of_hair = _drawn(groom, colours, ribbons, front, inner, hairs, rng)
     atlas = draw_atlas(strokes, cells, budget.atlas, colours[:, 0].mean(0), rng)
     return _parts(ribbons, inner, hairs, cap, (of_ribbon, of_inner, of_hair), atlas, body)
 
 
-def _rows(groom: Groom, triangles: int) -> int:
+def _rows(length: float, strands: int, triangles: int) -> int:
     """Quads of a ribbon: by its length, and more where the strands are too few for as many ribbons as may be drawn."""
-    length = float(np.median(np.linalg.norm(np.diff(groom.strands, axis=1), axis=2).sum(1)))
-    return int(np.clip(np.ceil(max(length / ROW_M, triangles / len(groom))), *ROWS))
+    return int(np.clip(np.ceil(max(length / ROW_M, triangles / strands)), *ROWS))
 
 
 @dataclass(frozen=True)
@@ -189,10 +190,9 @@ class Ribbons:
 
     @classmethod
     def along(
-        cls, strands: Float32, rows: int, count: int, body: Body, scalp: Scalp, rng: np.random.Generator
+        cls, strands: Float32, at: Float64, count: int, body: Body, scalp: Scalp, rng: np.random.Generator
     ) -> Ribbons:
-        """At most ``count`` ribbons of ``rows`` quads along the bundles of strands (N, P, 3)."""
-        at = places(strands, rows)
+        """At most ``count`` ribbons with rows ``at`` (S + 1,) along the bundles of strands (N, P, 3)."""
         coarse = np.einsum("rp,npc->nrc", _window(strands.shape[1], np.linspace(0, 1, 8)), strands)
         # Where they begin and end tells bundles apart more than where they run.
         weight = np.array([1.4, 1, 1, 1, 1, 1, 1, 1.2], np.float32)[:, None]
@@ -316,12 +316,11 @@ def _means(label: Int64, values: Float32, count: int) -> Float32:
     return np.asarray(sums / number[:, None], np.float32).reshape(count, *values.shape[1:])
 
 
-def places(strands: Float32, rows: int) -> Float64:
-    """(rows + 1,) where rows of ribbons along strands (N, P, 3) lie, in [0, 1]: closer where they leave the skin.
+def places(length: float, rows: int) -> Float64:
+    """(rows + 1,) where rows of ribbons of a length in metres lie, in [0, 1]: closer where they leave the skin.
 
     There long ribbons lie on a round head, and a quad's middle would lie within it.
     """
-    length = float(np.median(np.linalg.norm(np.diff(strands, axis=1), axis=2).sum(1)))
     power = np.log(FIRST_ROW_M / max(length, FIRST_ROW_M)) / np.log(1 / max(rows, 2))
     return np.asarray(np.linspace(0, 1, rows + 1) ** np.clip(power, 1.0, MOST_UNEVEN))
 
@@ -347,15 +346,14 @@ def _between(lines: Float32, at: AnyFloat) -> Float32:
     return np.asarray(lines[:, low] * (1 - part) + lines[:, np.minimum(low + 1, lines.shape[1] - 1)] * part, np.float32)
 
 
-def _single_hairs(groom: Groom, edge: Bool, rows: int, budget: int, body: Body, rng: np.random.Generator) -> Ribbons:
+def _single_hairs(groom: Groom, edge: Bool, at: Float64, budget: int, body: Body, rng: np.random.Generator) -> Ribbons:
     """Narrow ribbons along strands: those of the hairline several times, and some of what is seen of the rest."""
-    most = max(budget // (2 * rows), 1)
+    most = max(budget // (2 * (len(at) - 1)), 1)
     own = np.flatnonzero(edge)
     chosen = np.repeat(own, COPIES)
     chosen = chosen if len(chosen) <= 0.7 * most else rng.choice(chosen, int(0.7 * most), replace=False)
     rest = rng.choice(len(groom), min(most - len(chosen), len(groom)), replace=False)
     chosen = np.concatenate([chosen, rest])
-    at = places(groom.strands, rows)
     line = np.einsum("rp,npc->nrc", _window(groom.strands.shape[1], at), groom.strands[chosen])
     shift = rng.normal(0, 0.0009, (len(chosen), 1, 3)).astype(np.float32)
     out = body.outwards(line[:, 0])[:, None]
@@ -410,7 +408,7 @@ def _drawn(
         strands = rng.choice(strands, min(len(strands), 200), replace=False)
         size = float(2 * inner.half.mean()), float(inner.length.mean())
         shown = offset[strands], ends[strands], colours[strands]
-        made.append(Strokes.filling(cells.dense[cell], *shown, size, 2.6, (BEGINS, 0.12), rng))
+        made.append(Strokes.filling(cells.dense[cell], *shown, size, 2.6, (0.01, 0.12), rng))
     of_hair = kmeans(tints[hairs.label], len(cells.single), 5, rng)
     for cell in range(int(of_hair.max()) + 1):
         strands = hairs.label[of_hair == cell]

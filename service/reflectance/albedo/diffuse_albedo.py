@@ -22,7 +22,7 @@ from service.face.features.eye_colours import BETWEEN_LIDS
 from service.image_filters import blurred, shrunk
 from service.light.scene import BRIGHT
 from service.reflectance.albedo.albedo_prior import DARKEST, clues, error_model
-from service.reflectance.albedo.beside_skin import UNLIKE_SKIN, as_told
+from service.reflectance.albedo.beside_skin import as_told
 from service.reflectance.albedo.corrections import (
     LIGHT_CONTRAST,
     SKIN_HUE,
@@ -36,6 +36,7 @@ from service.reflectance.albedo.corrections import (
     evenness,
 )
 from service.reflectance.albedo.highlights import HIGHLIGHTS
+from service.reflectance.albedo.unlike_skin import UNLIKE_SKIN
 from service.reflectance.planes import Planes
 from service.reflectance.translate import MapInputs, translate
 from service.robust import agreement, smoothstep

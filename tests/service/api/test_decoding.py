@@ -15,7 +15,7 @@ import httpx
 import pytest
 from PIL import Image
 
-from service.api.context import FIXED, MIB, MOST, DecodingMemory, budget, cost
+from service.api.decoding import FIXED, MIB, MOST, DecodingMemory, budget, cost
 from service.jobs.settings import Settings
 from service.photo.limits import Limits
 from tests.service.api.conftest import TOY, is_problem, open_api

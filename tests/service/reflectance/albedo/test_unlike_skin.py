@@ -8,7 +8,7 @@ import pytest
 from service.arrays import Float32
 from service.image_filters import stretched_to
 from service.reflectance.albedo.albedo_prior import albedo_prior
-from service.reflectance.albedo.beside_skin import within_bounds
+from service.reflectance.albedo.unlike_skin import within_bounds
 
 PRIOR = albedo_prior(bearded=False)
 SIZE = (288, 192)
