@@ -23,7 +23,7 @@ ORDER = {
         # From the photo to the maps, and their files.
         "light", "render", "face", "hair", "anatomy", "texture", "reflectance", "archive",
         # The whole way, and who asks for it.
-        "kits", "options", "budget", "ahead", "pipeline", "jobs", "bench", "external", "api",
+        "kits", "options", "budget", "likeness", "ahead", "pipeline", "jobs", "bench", "external", "api",
         "client", "batch", "cli", "__main__",
     ),
     "models": ("drawing", "colour", "tables", "networks", "lightstage", "head", "hair", "people", "training"),
