@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from service.arrays import Bool, Float32
-from service.colour import LUMA, srgb_to_linear
-from service.face.reading.part_labels import BEARD, BROW, GLASSES, HAIR, IRIS, LIP, MOUTH, SCLERA, SKIN
+from service.colour import LUMA, linear_to_srgb, srgb_to_linear
+from service.face.reading.part_labels import BEARD, BROW, GLASSES, HAIR, HAT, IRIS, LIP, MOUTH, SCLERA, SKIN
 from service.geometry.chart import Chart
 from service.image_filters import blurred
 from service.robust import smoothstep
@@ -157,3 +157,49 @@ def in_the_dark(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones
     shaded = (1 - smoothstep(beside / usual, *SHADED)) * (parts[:, BROW] > OWN_FEATURES[1])
     own = parts[:, DARK_ITSELF].sum(1).clip(0, 1) * (1 - shaded)
     return np.asarray(dark * told * zones.skin * (1 - own), np.float32)
+
+
+CAST = 0.13
+"""How far a hat's shadow is looked for from its brim, over the chart's width: 55 mm, to below the eyes."""
+SOFT = 0.01
+"""Standard deviation over which its light is told, over the chart's width: 4 mm."""
+LIT = (0.5, 0.9)
+"""Linear luminance of skin, as a share of the lit face's, up to which it is in that shadow, and from which on not."""
+MOST_GAIN, TOO_DARK = 8.0, (20.0, 40.0)
+"""Most that such skin is brightened, and the factor that it lacks from which on it tells nothing, and surely."""
+MOST_TINT = 2.5
+"""Most that a channel is brightened more than luminance is."""
+
+
+def out_of_shadow(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) -> tuple[Float32, Float32]:
+    """Skin without a hat's shadow below its brim: the head is worn without the hat, which throws it.
+
+    Args:
+        chart: of the head.
+        unwrapped: the photo on it.
+        parts: (N, 13) as ``service.texture.unwrap.parts_at`` gives them.
+        zones: of the same texels.
+
+    Returns:
+        (N, 3) float32 sRGB in [0, 1], the photo's colours with that light, and (N,) float32 in [0, 1], 1 where the
+        shadow is too deep to tell any. The photo's own and 0 where no hat is read.
+    """
+    told = unwrapped.weight > 0
+    bare = told & zones.skin & (zones.face > 0.5) & (parts[:, SKIN] > 0.5)
+    hat = chart.spread((told & zones.skin & (parts[:, HAT] > 0.5)).astype(np.float32)[:, None])[..., 0] > 0.5
+    away = cv2.distanceTransform((~hat).astype(np.uint8), cv2.DIST_L2, 5).ravel()[chart.texels]
+    below = (1 - smoothstep(away / np.float32(chart.width), 0.7 * CAST, CAST)) * hat.any()
+    lit = bare & (below <= 0)
+    if not (below > 0).any() or not lit.any():
+        return unwrapped.colour, np.zeros(len(told), np.float32)
+    light = np.maximum(srgb_to_linear(unwrapped.colour), DARKEST)
+    level = np.log(light / np.median(light[lit], 0))
+    near = blurred(chart.spread(np.c_[level * bare[:, None], bare].astype(np.float32)), SOFT * chart.width)
+    share = np.exp(near[..., :3] / np.maximum(near[..., 3:], np.float32(1e-3))).reshape(-1, 3)[chart.texels]
+    shaded = below * (1 - smoothstep(share @ LUMA, *LIT)) * zones.skin
+    lacks = 1 / np.maximum(share @ LUMA, DARKEST)
+    tint = np.clip(1 / (share * lacks[:, None]), 1 / MOST_TINT, MOST_TINT)
+    gain = np.clip(lacks, 1, MOST_GAIN)[:, None] * tint
+    colour = linear_to_srgb(np.clip(light * gain ** shaded[:, None], 0, 1))
+    lost = told * shaded * smoothstep(lacks, *TOO_DARK)
+    return np.where(shaded[:, None] > 0, colour, unwrapped.colour).astype(np.float32), lost.astype(np.float32)

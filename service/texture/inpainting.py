@@ -58,7 +58,10 @@ def opacity(weight: AnyFloat) -> Float32:
     return smoothstep(np.asarray(weight, np.float32), 0.03, 0.25)
 
 
-def complete_skin(chart: Chart, colour: Float32, seen: Float32, skin: Float32, scalp: Float32 | None) -> Completed:
+def complete_skin(
+    chart: Chart, colour: Float32, seen: Float32, skin: Float32, scalp: Float32 | None,
+    plain: Float32 | float = 1.0,
+) -> Completed:
     """Colour of all skin: base, detail and mirrored detail.
 
     Args:
@@ -67,10 +70,11 @@ def complete_skin(chart: Chart, colour: Float32, seen: Float32, skin: Float32, s
         seen: (N,) opacity of the photo, also the weight with which colours are continued and mirrored from a texel.
         skin: (3,) sRGB of the person's skin, the prior far from everything seen.
         scalp: (3,) sRGB of the hair (or bald scalp), or None where the photo does not show it.
+        plain: (N,) in [0, 1], share of a texel that is skin and no brow: what is hidden beside brows is not dark.
     """
     on_skin = (chart.inner_part == chart.head.part_names.index("skin")).astype(np.float32)
     shown = seen * on_skin
-    base = chart.inside(_base(chart, colour, shown, skin, scalp))
+    base = chart.inside(_base(chart, colour, shown * plain, skin, scalp))
     detail = np.where(shown[:, None] > 0, colour - base, 0.0).astype(np.float32)
     seen = _feather(chart, shown)
 

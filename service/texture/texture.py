@@ -15,7 +15,7 @@ from service.arrays import AnyFloat, Bool, Float32, Float64, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
 from service.face.fit.fit import Fit
-from service.face.reading.part_labels import HAIR, SKIN
+from service.face.reading.part_labels import BROW, HAIR, SKIN
 from service.face.reading.reader import Reading, View
 from service.geometry.chart import Chart, chart_points
 from service.geometry.mesh import face_normals, laplacian, normalise, smooth_fit, splat, vertex_normals
@@ -27,7 +27,7 @@ from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
 from service.robust import smoothstep
 from service.texture.blending import Blend, Layer, blend
-from service.texture.finer_cover import finer_cover, in_the_dark
+from service.texture.finer_cover import finer_cover, in_the_dark, out_of_shadow
 from service.texture.inpainting import Completed, complete_skin
 from service.texture.part_colours import Parts, paint_parts
 from service.texture.unwrap import (
@@ -71,7 +71,7 @@ class Texture:
     islands.
 
     Attributes:
-        texture: (H, W, 3) uint8 sRGB, the photo's light baked in; skin that is black there is completed.
+        texture: (H, W, 3) uint8 sRGB, the photo's light baked in, without the shadow of a hat.
         bright: (H, W, 3) uint8, the same with all skin that is too dark in the photo for its colour to be told
             completed as where the photo shows none; None: there is none.
         confidence: (H, W) uint8: ``SEEN`` to 255 seen in the photo, ``MIRRORED`` to ``SEEN - 1`` mirrored from the
@@ -257,9 +257,9 @@ def make_texture(
     zones = known.zones
 
     def made(telling: bool) -> tuple[list[Layer], Blend, Completed, Parts]:
-        """What photos show, mixed and completed, with eyes and mouth: but what is black, or tells no colour."""
+        """What photos show, mixed and completed, with eyes and mouth; ``telling``: what tells no colour, too."""
         layers = [
-            _layer(chart, zones, seen, part, np.maximum(cover, dark if telling else dark * _black(seen)), bald=bald)
+            _layer(chart, zones, seen, part, np.maximum(cover, dark) if telling else cover, bald=bald)
             for seen, part, cover, dark in known.sights
         ]
         mixed = blend(chart, layers, [one for _, one, _ in views], zones)
@@ -267,7 +267,7 @@ def make_texture(
         scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
         on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
         fallback = DEFAULT_SKIN if found.colour is None else found.colour
-        completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp)
+        completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp, 1 - part[:, BROW])
         person, sure = fallback if fit.cheek is None else fit.cheek, _confidence(completed)
         given = chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person
         return layers, mixed, completed, paint_parts(*given)
@@ -302,15 +302,6 @@ def make_texture(
     )  # fmt: skip
 
 
-BLACK = (0.12, 0.25)
-"""Coded value of the brightest channel up to which skin in the dark is black, and from which on it is not."""
-
-
-def _black(unwrapped: Unwrapped) -> Float32:
-    """(N,) in [0, 1], 1 where a photo is black in all colours: in a cap's shadow, and not where its light has one."""
-    return np.float32(1) - smoothstep(unwrapped.colour.max(1), *BLACK)
-
-
 _LAYER = ("unwrapped", "parts", "weight", "found")
 
 
@@ -323,8 +314,10 @@ def _sight(
         nothing = np.zeros_like(unwrapped.weight)
         return unwrapped, parts_of_face(chart, unwrapped, zones), nothing, nothing
     part = parts_at(reading, fit, unwrapped)
+    colour, lost = out_of_shadow(chart, unwrapped, part, zones)
+    unwrapped = replace(unwrapped, colour=colour)
     read = chart, unwrapped, part, zones
-    return unwrapped, part, finer_cover(*read), in_the_dark(*read)
+    return unwrapped, part, np.maximum(finer_cover(*read), lost), in_the_dark(*read)
 
 
 def _layer(

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from service.arrays import Float32
-from service.face.reading.part_labels import BROW, GLASSES, HAIR, PARTS, SKIN
+from service.face.reading.part_labels import BROW, GLASSES, HAIR, HAT, PARTS, SKIN
 from service.geometry.chart import Chart
 from service.head.files import load_head
-from service.texture.finer_cover import finer_cover, in_the_dark
+from service.texture.finer_cover import finer_cover, in_the_dark, out_of_shadow
 from service.texture.unwrap import Unwrapped, Zones
 
 HEAD = load_head()
@@ -82,3 +82,34 @@ def test_what_is_nearly_black_hides_skin_and_brows_may_be_black() -> None:
         flat = replace(seen(shaded), colour=np.full((COUNT, 3), colour, np.float32))
         found = in_the_dark(CHART, flat, parts(), ZONES)
         assert np.isfinite(found).all(), "a face without light, or without any in one colour: its medians divide"
+
+
+def test_the_shadow_of_a_hat_is_taken_off_as_the_head_wears_none() -> None:
+    """It stayed, and was continued over the forehead that the hat hides: a black smear up to the hairline."""
+    hat, brim = ROW < 110, ROW < 150
+    own = ZONES.skin & (ZONES.hidden < 0.1) & (ZONES.face > 0.5) & ~hat
+    shadow = np.where(brim, 0.5, 1).astype(np.float32)[:, None]  # coded: a fifth of the light
+    worn = parts(**{f"p{HAT}": hat.astype(np.float32)})
+    shaded = own & brim & (np.abs(ROW - 150) > 12)
+    colour, lost = out_of_shadow(CHART, seen(TONE * shadow), worn, ZONES)
+    assert np.abs(np.median(colour[shaded], 0) - TONE).max() < 0.05
+    assert lost[shaded].max() < 0.01
+    lit = own & (ROW > 175)
+    photo = seen(TONE * shadow)
+    assert np.array_equal(out_of_shadow(CHART, photo, worn, ZONES)[0][lit], photo.colour[lit])
+    assert out_of_shadow(CHART, photo, parts(), ZONES)[0] is photo.colour, "without a hat a shadow is the head's own"
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_what_a_hat_leaves_without_light_is_lost_and_finite(level: float) -> None:
+    """Logarithms and ratios of black skin, below a brim or everywhere, divide by nothing."""
+    hat = ROW < 110
+    own = ZONES.skin & (ZONES.hidden < 0.1) & (ZONES.face > 0.5) & ~hat
+    black = np.where((ROW < 150)[:, None], 0, level * TONE).astype(np.float32)
+    photo = replace(seen(black), colour=black)
+    with np.errstate(divide="raise", invalid="raise"):
+        colour, lost = out_of_shadow(CHART, photo, parts(**{f"p{HAT}": hat.astype(np.float32)}), ZONES)
+    assert np.isfinite(colour).all() and np.isfinite(lost).all()
+    assert (colour.min() >= 0) and (colour.max() <= 1)
+    deep = own & (ROW < 135)
+    assert lost[deep].mean() > 0.9 if level else lost.max() == 0

@@ -48,3 +48,16 @@ def test_heads_without_lips_are_completed_as_before(seen: float) -> None:
         colour = complete_skin(chart, np.tile(PLAIN, (count, 1)), share, PLAIN, None).colour
     own = chart.inner_part == head.part_names.index("skin")
     assert np.abs(colour[own] - PLAIN).max() < 0.05
+
+
+def test_skin_that_is_hidden_beside_brows_is_not_dark() -> None:
+    """Under a fringe or a brim the brows' darkness was continued over the forehead."""
+    brow = int(0.29 * LIPS_CHART.height)
+    dark = np.abs(ROWS - brow) < 4
+    colour = np.where(dark[:, None], 0.2 * PLAIN, PLAIN).astype(np.float32)
+    seen = (brow - 3 < ROWS).astype(np.float32)
+    above = brow - 10 > ROWS
+    skin = LIPS_CHART.inner_part == HEAD.part_names.index("skin")
+    told = complete_skin(LIPS_CHART, colour, seen, PLAIN, None, 1 - dark.astype(np.float32)).colour
+    smeared = complete_skin(LIPS_CHART, colour, seen, PLAIN, None).colour
+    assert np.abs(told[above & skin] - PLAIN).max() < 0.03 < np.abs(smeared[above & skin] - PLAIN).max()
