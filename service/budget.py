@@ -29,8 +29,8 @@ FIT_WORK = 90.0
 
 FINE_MESH_WORK = 60.0
 
-TRANSFORMS, CLIFF_TRANSFORMS = 5, 5
-"""Cosine transforms of the map, there and back, that displacement takes as long as; what keeping cliffs adds."""
+TRANSFORMS = 5
+"""Cosine transforms of the map, there and back, that displacement takes as long as."""
 
 SAFETY = 1.15
 
@@ -108,7 +108,7 @@ def estimate_seconds(speed: Speed, options: Options, plan: ReflectancePlan) -> f
     for name in plan.networks:
         seconds += _network_seconds(name, speed.networks[name], texels)
     if "displacement" in plan.stages:
-        seconds += (TRANSFORMS + (CLIFF_TRANSFORMS if plan.keep_cliffs else 0)) * speed.transform * texels
+        seconds += TRANSFORMS * speed.transform * texels
     deep = 3.0 if options.normal_bits == 16 else 1.0
     for stage in plan.stages:
         if stage != "super_resolution" and stage in options.maps:

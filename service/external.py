@@ -235,7 +235,7 @@ def make_external(
     made = _texture(source, head, vertices, options.base_size)
     timings["texture"] = time.perf_counter() - begin
     # A texture finer than the input of super-resolution keeps its own detail.
-    plain = ReflectancePlan.of(options.maps, super_resolution=False, keep_cliffs=options.level.keep_cliffs)
+    plain = ReflectancePlan.of(options.maps, super_resolution=False)
     plan = plain if fine else options.plan()
     reflectance = None
     if plan.stages:

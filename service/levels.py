@@ -31,7 +31,6 @@ class Level:
         precision: of the networks: "auto" is the fastest that the processor has.
         part_texture_step: texels of a side that textures of hair, eyes and the like, in full 512 to 1024, put into one.
         strands: of a full head of hair.
-        keep_cliffs: whether displacement may break where the surface folds over itself.
     """
 
     size: Size
@@ -41,14 +40,13 @@ class Level:
     precision: Literal["auto", "fp32"]
     strands: int
     part_texture_step: int = 1
-    keep_cliffs: bool = False
 
 
 LEVELS: dict[str, Level] = {
     "draft": Level(DRAFT_SIZE, False, 8, False, "auto", 5_000, part_texture_step=2),
     "standard": Level(FULL_SIZE, True, 8, False, "auto", 10_000),
     "high": Level(FULL_SIZE, True, 16, True, "auto", 20_000),
-    "reference": Level(FULL_SIZE, True, 16, True, "fp32", 20_000, keep_cliffs=True),
+    "reference": Level(FULL_SIZE, True, 16, True, "fp32", 20_000),
 }
 """From fast to fine."""
 

@@ -144,8 +144,6 @@ class Integration(_Strict):
     """Norm of the residual over that of the right-hand side."""
     ignored_fraction: Fraction
     """Share of the texels whose normals were not usable."""
-    cut_fraction: Fraction | None
-    """Share of the equations between neighbours that were dropped at cliffs; null at levels that drop none."""
 
 
 @dataclasses.dataclass(frozen=True)

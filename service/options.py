@@ -197,7 +197,7 @@ class Options(Checked):
         """
         enlarged = self.level.super_resolution and self.map_size[0] >= SMALLEST_ENLARGED
         there = enlarged and installed(networks_of("super_resolution"))
-        return ReflectancePlan.of(self.maps, super_resolution=there, keep_cliffs=self.level.keep_cliffs)
+        return ReflectancePlan.of(self.maps, super_resolution=there)
 
     def fit_settings(self) -> FitSettings:
         """The knobs of the fit; those that callers cannot turn keep their defaults."""

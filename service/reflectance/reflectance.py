@@ -142,7 +142,7 @@ def make_reflectance(
         normal = aged(made.specular_normal, chart, depth)
         if "displacement" not in plan.stages:
             return {"specular_normal": normal}
-        heights, how = run("displacement", _displaced, normal, plain, size, plan.keep_cliffs)
+        heights, how = run("displacement", _displaced, normal, plain, size)
         return {"specular_normal": normal, "displacement": heights, "integration": how}
 
     with _beside(run.small) as beside:
@@ -326,13 +326,12 @@ def _displaced(
     bumps: npt.NDArray[np.int16],
     subject: Subject,
     size: tuple[int, int],
-    keep_cliffs: bool,
 ) -> tuple[Codes, manifest.Integration]:
     """Displacement codes, and how the integration went."""
     steps = Steps.of(subject.chart, subject.vertices)
     part = subject.head.part_names.index("skin")
     surface = (subject.islands(size) == part) & (subject.skin(size) > 0)
-    height, facts = displacement(bumps, steps, surface, keep_cliffs=keep_cliffs)
+    height, facts = displacement(bumps, steps, surface)
     height *= subject.skin(size) * np.float32(1 / 255)
     texel_mm = steps.texel_mm() * np.float32(steps.width / size[0])
     join(height, Seams.of(subject.head, part, surface), surface, texel_mm)

@@ -39,14 +39,12 @@ class ReflectancePlan:
 
     Attributes:
         stages: in the order in which they run.
-        keep_cliffs: whether displacement keeps depth discontinuities, ``service.reflectance.relief.integration``.
     """
 
     stages: tuple[str, ...]
-    keep_cliffs: bool = False
 
     @classmethod
-    def of(cls, maps: Collection[str], *, super_resolution: bool = True, keep_cliffs: bool = False) -> ReflectancePlan:
+    def of(cls, maps: Collection[str], *, super_resolution: bool = True) -> ReflectancePlan:
         """Stages that maps need; names of maps that need none are ignored."""
         wanted = {stage for name in maps if (stage := needed_stage(name))}
         for name in reversed(STAGES):
@@ -54,7 +52,7 @@ class ReflectancePlan:
                 wanted.update(STAGES[name].needs)
         if not super_resolution:
             wanted.discard("super_resolution")
-        return cls(tuple(stage for stage in STAGES if stage in wanted), keep_cliffs)
+        return cls(tuple(stage for stage in STAGES if stage in wanted))
 
     @property
     def networks(self) -> tuple[str, ...]:

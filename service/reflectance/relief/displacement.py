@@ -23,7 +23,7 @@ from service.image_filters import by_strips, shrunk, stretched_to, strips
 from service.manifest import Integration
 from service.reflectance.planes import read_window
 from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
-from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, cliff_part, divergence, solve
+from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, divergence, solve
 from service.reflectance.translate import MOST_ACROSS, STEEPEST_Z
 
 COARSEST_MM = 6.0
@@ -78,42 +78,27 @@ class Steps:
         return np.asarray(np.sqrt(self.along * self.across), np.float32)
 
 
-def displacement(
-    normals: npt.NDArray[np.int16],
-    steps: Steps,
-    mask: Bool,
-    *,
-    keep_cliffs: bool = False,
-) -> tuple[Float32, Integration]:
+def displacement(normals: npt.NDArray[np.int16], steps: Steps, mask: Bool) -> tuple[Float32, Integration]:
     """Heights (H, W) float32 in mm, positive outwards, of relief finer than ``COARSEST_MM``, within +-``MOST_MM``.
 
     Args:
         normals: (H, W, 2) int16 codes of x and y, +Y up.
         steps: of the same chart, at any size.
         mask: (H, W) bool, texels of the surface; heights elsewhere are 0.
-        keep_cliffs: whether equations across cliffs may be given up, see ``service.reflectance.relief.integration``.
     """
     right, down, usable = _differences(normals, steps, mask)
     texels = int(mask.sum())
     ignored = 1 - int(usable.sum()) / texels if texels else 0.0
     sources = divergence(right, down, usable)
-    if not keep_cliffs:
-        right = down = sources  # frees the slopes: 100 MB each for a map of 6144 x 4096
+    del right, down  # frees 100 MB each for a map of 6144 x 4096
     solved = solve(sources, usable, tolerance=TOLERANCE, most_steps=MOST_STEPS)
     del sources
-    height, cut = solved.height, None
-    if keep_cliffs:
-        texel_mm = steps.texel_mm() * np.float32(steps.width / mask.shape[1])
-        difference, cut = cliff_part(right, down, usable, texel_mm)
-        height += difference
-        del difference
-    del right, down
+    height = solved.height
     height -= coarse_part(height, usable, steps)
     _fill_holes(height, usable, mask)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
     height *= mask
-    facts = round(solved.residual, 9), round(ignored, 9), None if cut is None else round(cut, 9)
-    return height, Integration(solved.steps, *facts)
+    return height, Integration(solved.steps, round(solved.residual, 9), round(ignored, 9))
 
 
 def slopes(normals: Float32) -> tuple[Float32, Float32, Bool]:

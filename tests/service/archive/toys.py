@@ -122,7 +122,7 @@ def toy_reflectance() -> Reflectance:
         displacement=encode_heights(rng.normal(0, 0.05, shape).astype(np.float32)),
         tile=1024,
         super_resolution=True,
-        integration=Integration(4, 0.001, 0.0, None),
+        integration=Integration(4, 0.001, 0.0),
     )
 
 
