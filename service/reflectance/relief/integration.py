@@ -1,4 +1,4 @@
-"""Heights from slopes by (weighted) least squares on a masked grid.
+"""Heights from slopes by least squares on a masked grid.
 
 The heights whose differences between neighbouring texels best match the slopes solve a Poisson equation, with natural
 (Neumann) conditions at the border of the mask. It is solved by conjugate gradients, preconditioned with the exact
@@ -33,30 +33,6 @@ class Heights:
     residual: float
 
 
-def integrate(
-    right: Float32,
-    down: Float32,
-    mask: Bool,
-    *,
-    tolerance: float = TOLERANCE,
-    most_steps: int = MOST_STEPS,
-) -> Heights:
-    """Heights on a grid from slopes.
-
-    Args:
-        right: (H, W) float32 change of height per texel to the right, finite; only read where ``mask`` is True.
-        down: the same per texel down.
-        mask: (H, W) bool; a texel that is False is in no equation. Regions that do not touch are independent, and the
-            constant of each is undetermined; the mean over all is set to 0.
-        tolerance: relative residual to stop at.
-        most_steps: of conjugate gradients.
-
-    Raises:
-        ValueError: the shapes differ.
-    """
-    return solve(divergence(right, down, mask), mask, tolerance=tolerance, most_steps=most_steps)
-
-
 def solve(
     rest: Float32,
     mask: Bool,
@@ -68,9 +44,10 @@ def solve(
 
     Args:
         rest: (H, W) float32 right-hand side; overwritten.
-        mask: as of :func:`integrate`, like the arguments that follow.
-        tolerance: see there.
-        most_steps: see there.
+        mask: (H, W) bool; a texel that is False is in no equation. Regions that do not touch are independent, and the
+            constant of each is undetermined; the mean over all is set to 0.
+        tolerance: relative residual to stop at.
+        most_steps: of conjugate gradients.
     """
     whole_height = np.zeros(mask.shape, np.float32)
     if not _dot(rest, rest) > 0:
@@ -126,6 +103,11 @@ def joined(mask: Bool, axis: int) -> Bool:
 
 def divergence(right: Float32, down: Float32, mask: Bool) -> Float32:
     """(H, W) right-hand side: for each texel, wanted differences of its incoming edges minus those of outgoing ones.
+
+    Args:
+        right: (H, W) float32 change of height per texel to the right, finite; only read where ``mask`` is True.
+        down: the same per texel down.
+        mask: as of :func:`solve`.
 
     Raises:
         ValueError: the shapes differ.

@@ -21,6 +21,7 @@ from service.reflectance.relief.displacement import (
     join,
     slopes,
 )
+from service.reflectance.relief.integration import divergence, solve
 from service.reflectance.translate import pack_normals
 from tests.toyhead import CENTRE, RADIUS, SKIN_U, sphere_head
 
@@ -118,9 +119,7 @@ def test_one_percent_of_unusable_normals() -> None:
     s, t, usable = slopes(normals)
     assert np.isfinite(s).all() and np.isfinite(t).all()
     assert 0.008 < 1 - usable.mean() < 0.012
-    from service.reflectance.relief.integration import integrate
-
-    solved = integrate(s * MM, -t * MM, usable, tolerance=1e-3, most_steps=40)
+    solved = solve(divergence(s * MM, -t * MM, usable), usable, tolerance=1e-3, most_steps=40)
     clean, _ = displacement(codes(along, across), steps(), ALL)
     broken = fine(solved.height, steps())[usable]
     assert np.sqrt(np.mean((broken - fine(height, steps())[usable]) ** 2)) < 2 * error(clean, height, steps()) + 1e-3

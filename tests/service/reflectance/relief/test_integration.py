@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.reflectance.relief.integration import integrate
+from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, Heights, divergence, solve
 
 Float = npt.NDArray[np.float32]
 
@@ -16,6 +16,12 @@ Float = npt.NDArray[np.float32]
 def grid(height: int, width: int) -> tuple[Float, Float]:
     y, x = np.mgrid[:height, :width].astype(np.float32)
     return x, y
+
+
+def integrate(
+    right: Float, down: Float, mask: npt.NDArray[np.bool_], tolerance: float = TOLERANCE, most_steps: int = MOST_STEPS
+) -> Heights:
+    return solve(divergence(right, down, mask), mask, tolerance=tolerance, most_steps=most_steps)
 
 
 def off(a: Float, b: Float, mask: npt.NDArray[np.bool_]) -> float:
