@@ -19,7 +19,7 @@ from service.face.fit.fit import Fit
 from service.face.reading.reader import Reading
 from service.geometry.sampling import sample_at
 from service.hair.asked import NONE, AskedHair
-from service.hair.bank import Bank, Matches, kind_of, match, read_bank
+from service.hair.bank import UNLIKELY, Bank, Matches, kind_of, match, read_bank
 from service.hair.colour import KNOTS, HairColour, as_absorbed, asked_colour
 from service.hair.groom import Groom, make_groom
 from service.hair.guides import grow_several, grown
@@ -170,7 +170,6 @@ def _coloured(
     groom: Groom | None = found.groom
     if groom is None:
         return found
-    colour: HairColour
     if asked.colour != "auto":
         colour = asked_colour(asked.colour, len(groom), seed)
     else:
@@ -295,9 +294,9 @@ TRIED_GUIDES = 260
 """Guides that stand for a style while it is tried."""
 ANGLE = 0.12
 """Weight of the direction of visible strands (0 along, 1 against) beside the silhouette's error."""
-KIND, UNLIKELY = 0.1, 0.02
-"""Weight of the reading's doubt about length and gathering, minus the logarithm of its probability, which is at least
-this."""
+KIND, OF_KIND = 0.1, 0.05
+"""Weights of the reading's doubt about length and gathering, and of the doubt about its kind that all styles of the
+bank together leave, minus the logarithm of the probability: a kind wins, and no single style by luck."""
 KEEP = 0.004
 """Gain below which a number stays as the bank has it."""
 _LENGTH, _GATHERED = (list(KINDS).index(name) for name in ("length", "gathered"))
@@ -337,7 +336,8 @@ def choose(
     """
     rows = candidates(bank, matches, read, likeliest)
     several = list(dict.fromkeys(bank.style(int(row)) for row in rows))
-    best = min(tried(several, sight, skin, seed, read), key=lambda one: one.loss)
+    doubt = {name: -float(np.log(max(share, UNLIKELY))) for name, share in matches.kinds(bank).items()}
+    best = min(tried(several, sight, skin, seed, read), key=lambda one: one.loss + OF_KIND * doubt[kind_of(one.style)])
     changes = {changed: change for change in _changes() if (changed := change(best.style)) != best.style}
     other = tried(list(changes), sight, skin, seed, read)
     helpful = sorted((one for one in other if one.loss < best.loss - KEEP), key=lambda one: one.loss)

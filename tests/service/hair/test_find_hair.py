@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from service.face.region import Region
 from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
 from service.hair.bank import kind_of, match, mirrored, read_bank
 from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
-from service.hair.find_hair import candidates, grow_hair, painted, see_hair
+from service.hair.find_hair import Tried, candidates, choose, grow_hair, painted, see_hair
 from service.hair.groom import make_groom
 from service.hair.kinds import LENGTHS
 from service.hair.reading import CELLS
@@ -23,7 +24,7 @@ from service.hair.scalp import Scalp
 from service.hair.shape import filled, fitted, one_plait, seen_share, seen_thinning, to_hairline, trimmed
 from service.hair.sight import Sight, overlap
 from service.hair.style import LENGTHS as LENGTH_NAMES
-from service.hair.style import NAMED, style_to_json
+from service.hair.style import NAMED, Style, style_to_json
 from service.hair.worn_hair import WornHair, hair_cards, hair_in_albedo
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -159,6 +160,21 @@ def test_styles_that_are_tried_are_gathered_as_the_reading_says() -> None:
         rows = candidates(bank, match(bank, seen.sight, seen.fit, HEAD, reading), reading, 6)
         assert len(rows) >= 6 and len(set(rows.tolist())) == len(rows)
         assert all((bank.style(int(row)).gather in ("ponytail", "bun")) == (tied > 0.5) for row in rows)
+
+
+def test_a_kind_is_chosen_and_no_single_style_by_luck(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, bank = photographed(NAMED["crop"], 3, HEAD), read_bank()
+    matches = match(bank, seen.sight, seen.fit, HEAD, seen.reading)
+    likeliest, share = next(iter(matches.kinds(bank).items()))
+    assert share > 0.4
+    for luck, wins in ((0.01, True), (0.5, False)):
+
+        def tried(styles: Sequence[Style], *_: object, luck: float = luck) -> list[Tried]:
+            return [Tried(one, 0.5 if kind_of(one) == likeliest else 0.5 - luck) for one in styles]
+
+        monkeypatch.setattr("service.hair.find_hair.tried", tried)
+        chosen = choose(bank, matches, seen.sight, Scalp.of(HEAD, HEAD.mean), 0, seen.reading, 200)
+        assert (kind_of(chosen) == likeliest) == wins, luck
 
 
 def test_no_hair_hangs_where_the_photo_shows_background() -> None:
