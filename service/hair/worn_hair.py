@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from service.arrays import Float32, UInt8
@@ -79,8 +80,7 @@ def hair_in_albedo(
     brown = any(red >= green >= blue for red, green, blue in (usual, usual * light))
     unlit_colour = as_absorbed(np.clip(seen * light, 1e-3, 0.9), dyed=not brown)
     made = replace(unlit_colour, measured=groom.colour.measured)
-    before, after = (np.median(one.reshape(-1, 3), 0) for one in (seen, made.linear(KNOTS)))
-    change = np.asarray(after / np.maximum(before, 1e-5), np.float32)
+    change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.
     materials: dict[str, Material] = {}
     pictures: dict[int, OwnMap] = {}
@@ -94,9 +94,30 @@ def hair_in_albedo(
     return replace(hair, groom=replace(groom, colour=made), in_photo_light=False), unlit
 
 
+LEVELS_OF_HAIR = 8
+"""Brightnesses at which a hair's change of colour is told: bright strands mirror the sky, dark ones do not."""
+
+
+def _changes(before: Float32, after: Float32) -> Float32:
+    """(256, 3) factors on linear colours of hair by its coded grey, from strands (N, K, 3) before and after."""
+    old, new = before.reshape(-1, 3), after.reshape(-1, 3)
+    grey = _grey(linear_to_srgb(old))
+    groups = [group for group in np.array_split(np.argsort(grey, kind="stable"), LEVELS_OF_HAIR) if len(group)]
+    levels = np.array([np.median(grey[group]) for group in groups])
+    factors = np.array([np.median(new[one], 0) / np.maximum(np.median(old[one], 0), 1e-5) for one in groups])
+    codes = np.arange(256)
+    return np.stack([np.interp(codes, levels, column) for column in factors.T], 1).astype(np.float32)
+
+
+def _grey(coded: Float32) -> Float32:
+    """(N,) grey, 0 to 255, of coded colours (N, 3) in [0, 1], as ``cv2.COLOR_RGB2GRAY`` has it."""
+    return np.asarray(255 * (coded @ np.array([0.299, 0.587, 0.114], np.float32)), np.float32)
+
+
 def _recoloured(picture: OwnMap, change: Float32) -> OwnMap:
-    """The picture with its colours times factors (3,), linear."""
-    linear = bytes_to_linear(np.arange(256, dtype=np.uint8))[:, None] * change
+    """The picture with its colours times factors (256, 3), linear, by their coded grey."""
+    linear = bytes_to_linear(np.arange(256, dtype=np.uint8))[:, None, None] * change
     coded: UInt8 = np.rint(255 * linear_to_srgb(np.clip(linear, 0, 1).astype(np.float32))).astype(np.uint8)
-    planes = [coded[picture.pixels[..., k], k] for k in range(3)]
+    grey = cv2.cvtColor(np.ascontiguousarray(picture.pixels[..., :3]), cv2.COLOR_RGB2GRAY)
+    planes = [coded[picture.pixels[..., k], grey, k] for k in range(3)]
     return OwnMap(picture.name, np.dstack([*planes, picture.pixels[..., 3:]]))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from service.colour import bytes_to_linear
 from service.geometry.mesh import face_normals
 from service.hair.atlas import Cells, cell_corners
 from service.hair.cards import CAP_M, CUTOFF, HAIRLINE, PARTS, Body, Budget, hair_parts
+from service.hair.colour import KNOTS, HairColour
 from service.hair.groom import Groom, make_groom
 from service.hair.scalp import mean_scalp
 from service.hair.style import NAMED
@@ -137,6 +140,25 @@ def test_a_red_lamp_on_the_face_does_not_turn_brown_hair_green() -> None:
     assert other.groom is not None and not other.groom.colour.dyed
     red, green, blue = np.median(other.groom.colour.linear().reshape(-1, 3), 0)
     assert red >= green >= blue
+
+
+def test_bright_strands_of_black_hair_lose_the_skys_blue_as_dark_ones_do() -> None:
+    """One factor for all left navy locks: the picture has the colours of the strands, bright ones too."""
+    groom = make_groom(NAMED["bob"], 3, 1500)
+    pigment = np.linspace(3, 0.2, len(groom), dtype=np.float32)[:, None, None] * np.ones((1, KNOTS, 1), np.float32)
+    mirrors = HairColour(pigment * np.array([1, 0], np.float32), np.array([0.4, 0.25, 0], np.float32))
+    groom = dataclasses.replace(groom, colour=mirrors)
+    worn = WornHair(groom, "bob", {}, np.ones(len(groom), np.float32), in_photo_light=True)
+    other, unlit = hair_in_albedo(worn, hair_parts(groom, mean_scalp(), SMALL), np.array([1, 0.9, 0.6], np.float32))
+    assert other.groom is not None and not other.groom.colour.dye.any()
+    picture = bytes_to_linear(atlas(unlit)[atlas(unlit)[..., 3] > 200][:, :3])
+    hues = []
+    for colours in (picture, other.groom.colour.linear().reshape(-1, 3)):
+        bright = colours.mean(1)
+        low, high = np.percentile(bright, (75, 95))
+        usual = np.median(colours[(bright >= low) & (bright <= high)], 0)
+        hues.append(usual / usual.sum())
+    assert np.abs(hues[0] - hues[1]).max() < 0.05
 
 
 def test_a_head_without_strands_wears_nothing() -> None:
