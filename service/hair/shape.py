@@ -251,8 +251,8 @@ BENT = 2500
 """Most strands out of which the nearest is taken."""
 FARTHEST_CELLS = 14.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm."""
-OVER_M = 0.015
-"""How far above its own highest point a strand is bent at most."""
+OVER_M = 0.005
+"""How far above its root a strand is bent at most beside a bald top."""
 BEYOND_CELLS = 1.5
 """Distance from the drawn strands from which on a lock that is bent off the skull would stand alone: 6 mm."""
 TEMPLE_M = 0.065
@@ -312,8 +312,8 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     ends = np.clip(place / (points - 1) * rng.uniform(1.0, 1.2, len(place)), 0, 1).astype(np.float32)
     bent = resampled(bent.astype(np.float32), ends, points)
     bent = np.concatenate([bent[:, :1], skin.pushed(bent[:, 1:], 0.0015)], 1)
-    # Nor is hair combed over a bald head: a strand goes no higher than it went.
-    lower = (met(groom.style) == 0) | (bent[..., 1].max(1) < strands[strand, :, 1].max(1) + OVER_M)
+    # Nor is hair combed over a bald head; by its root, as a strand may have been bent before.
+    lower = (met(groom.style) == 0) | (bent[..., 1].max(1) < strands[strand, 0, 1] + OVER_M)
     return groom.joined(bent[lower], groom.root_uv[strand[lower]], strand[lower])
 
 

@@ -111,8 +111,10 @@ def test_a_lock_is_bent_neither_off_the_skull_nor_over_a_bald_one() -> None:
     low = int(np.argwhere(np.isfinite(bald.sight.behind))[0, 0])
     hair[low : low + 6, CELLS // 2 - 12 : CELLS // 2 + 12] = 1
     rimmed, rng = dataclasses.replace(bald.sight, hair=hair), np.random.default_rng(0)
-    combed = filled(to_hairline(bald.groom, rimmed, SKIN, rng), rimmed, SKIN, rng)
-    assert combed.strands[..., 1].max() < bald.groom.strands[..., 1].max() + 0.03
+    combed = to_hairline(bald.groom, rimmed, SKIN, rng)
+    for _ in range(4):  # each goes on from what the one before has bent: a lock lay across the forehead
+        combed = filled(combed, rimmed, SKIN, rng)
+    assert combed.strands[..., 1].max() < bald.groom.strands[..., 1].max() + 0.01
 
 
 def test_a_plait_that_is_not_seen_is_no_mirror_image() -> None:
