@@ -317,7 +317,9 @@ def _sight(
     colour, lost = out_of_shadow(chart, unwrapped, part, zones)
     unwrapped = replace(unwrapped, colour=colour)
     read = chart, unwrapped, part, zones
-    return unwrapped, part, np.maximum(finer_cover(*read), lost), in_the_dark(*read)
+    dark = in_the_dark(*read)
+    cover = np.maximum(np.maximum(finer_cover(*read), lost), dark * (1 - zones.face))  # black beside it may be a collar
+    return unwrapped, part, cover, dark
 
 
 def _layer(

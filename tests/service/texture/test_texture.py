@@ -14,6 +14,7 @@ from service.geometry.chart import Chart
 from service.map_registry import SEEN
 from service.photo.photo import Photo
 from service.texture.texture import Texture, Unwrappings, make_texture
+from service.texture.unwrap import Zones
 from tests.service.texture.scenes import SKIN, checks, fitted, photograph, plain, read_off, turned
 from tests.toyhead import sphere_head
 
@@ -68,6 +69,21 @@ def test_skin_too_dark_for_its_colour_to_be_told_is_completed(shade: tuple[float
     half = np.unravel_index(CHART.texels[hidden], SKIN_MASK.shape)
     assert np.median(texture.legible[half][:, 2]) > 80
     assert np.median(texture.texture[half][:, 2]) < 40
+
+
+def test_a_black_collar_that_was_read_as_skin_does_not_blacken_the_neck(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A black turtleneck below the chin left a black throat in the texture."""
+    place, low = POINTS[CHART.texels // CHART.width, CHART.texels % CHART.width], -0.05
+    all_face = Zones.of(CHART)
+    face = np.where(place[:, 1] < low, 0, all_face.face).astype(np.float32)
+    monkeypatch.setattr(Zones, "of", lambda chart: replace(all_face, face=face))
+    collared = photograph(HEAD, turned(0), lambda points: np.where(points[:, 1:2] < low, 0.01, 1.0) * SKIN)
+    fit, reading = fitted(HEAD, turned(0)), read_off(HEAD, turned(0), _parts)
+    known = Unwrappings.of(CHART, [(collared, fit, reading)])
+    texture = make_texture(collared, HEAD, fit, CHART, reading, known=known)
+    neck = (known.sights[0][0].weight > 0.2) & (place[:, 1] < low - 0.004)
+    assert neck.sum() > 50
+    assert np.median(texture.texture[np.unravel_index(CHART.texels[neck], SKIN_MASK.shape)]) > 80
 
 
 def test_unseen_half_is_the_mirror_image() -> None:
