@@ -101,17 +101,12 @@ LEVELS_OF_HAIR = 8
 def _changes(before: Float32, after: Float32) -> Float32:
     """(256, 3) factors on linear colours of hair by its coded grey, from strands (N, K, 3) before and after."""
     old, new = before.reshape(-1, 3), after.reshape(-1, 3)
-    grey = _grey(linear_to_srgb(old))
+    grey = 255 * cv2.cvtColor(linear_to_srgb(old)[None], cv2.COLOR_RGB2GRAY)[0]
     groups = [group for group in np.array_split(np.argsort(grey, kind="stable"), LEVELS_OF_HAIR) if len(group)]
     levels = np.array([np.median(grey[group]) for group in groups])
     factors = np.array([np.median(new[one], 0) / np.maximum(np.median(old[one], 0), 1e-5) for one in groups])
     codes = np.arange(256)
     return np.stack([np.interp(codes, levels, column) for column in factors.T], 1).astype(np.float32)
-
-
-def _grey(coded: Float32) -> Float32:
-    """(N,) grey, 0 to 255, of coded colours (N, 3) in [0, 1], as ``cv2.COLOR_RGB2GRAY`` has it."""
-    return np.asarray(255 * (coded @ np.array([0.299, 0.587, 0.114], np.float32)), np.float32)
 
 
 def _recoloured(picture: OwnMap, change: Float32) -> OwnMap:

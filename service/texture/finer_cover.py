@@ -6,6 +6,7 @@ is found counts as hair for the next round: a lock is followed to its tip. Where
 suspects them, lines no wider than a rim are rims.
 
 Darkness hides skin, too: what is nearly black in some colour, under a brim or where a cast clips it; and brows in it.
+What the shadow of a hat leaves of skin is brightened.
 """
 
 from __future__ import annotations
@@ -187,11 +188,14 @@ def out_of_shadow(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zon
     told = unwrapped.weight > 0
     bare = told & zones.skin & (zones.face > 0.5) & (parts[:, SKIN] > 0.5)
     hat = chart.spread((told & zones.skin & (parts[:, HAT] > 0.5)).astype(np.float32)[:, None])[..., 0] > 0.5
+    nothing = unwrapped.colour, np.zeros(len(told), np.float32)
+    if not hat.any():
+        return nothing
     away = cv2.distanceTransform((~hat).astype(np.uint8), cv2.DIST_L2, 5).ravel()[chart.texels]
-    below = (1 - smoothstep(away / np.float32(chart.width), 0.7 * CAST, CAST)) * hat.any()
+    below = 1 - smoothstep(away / np.float32(chart.width), 0.7 * CAST, CAST)
     lit = bare & (below <= 0)
-    if not (below > 0).any() or not lit.any():
-        return unwrapped.colour, np.zeros(len(told), np.float32)
+    if not lit.any():
+        return nothing
     light = np.maximum(srgb_to_linear(unwrapped.colour), DARKEST)
     level = np.log(light / np.median(light[lit], 0))
     near = blurred(chart.spread(np.c_[level * bare[:, None], bare].astype(np.float32)), SOFT * chart.width)
