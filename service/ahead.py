@@ -58,7 +58,7 @@ class FaceNetworks(Loaded):
         if head is None:  # another file's faults are told where it is used
             pool.submit(head_and_chart, options.base_size, None, modes_of(options))
         self._loads: dict[str, Future[Any]] = {kind: pool.submit(_load, kind) for kind in kinds}
-        pool.submit(import_module, "scipy.optimize")
+        pool.submit(import_module, "scipy.sparse.linalg")
         self._maps = pool.submit(maps) if maps else None
         pool.shutdown(wait=False)
 

@@ -17,7 +17,6 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from service.archive.avatar import Avatar, model_cards
 from service.arrays import Float32, Float64, Int64, UInt8
@@ -27,6 +26,7 @@ from service.face.finder import Face
 from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.geometry.chart import NO_PART, Chart, nearest_inside
+from service.geometry.nearest import Nearest
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.levels import TEXTURE_SIZE
@@ -79,7 +79,7 @@ def vertices_of(data: bytes, kind: str, head: HeadModel) -> Float32:
         BadMesh: it cannot be read, its chart or topology is not that of the model, or it is not in metres; says how.
     """
     points, uv, triangles = _read_mesh(data, kind)
-    distance, row = cKDTree(head.uv).query(uv)
+    distance, row = Nearest(head.uv).one(uv)
     off = np.flatnonzero(distance > CHART_TOLERANCE)
     if len(off):
         raise BadMesh(

@@ -7,7 +7,6 @@ darker the deeper they lie. The meshes that stand in their place have single tee
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from service.anatomy.canvas import Canvas, part_points, smooth_noise
 from service.anatomy.items import Inset, fits, following, read_insets
@@ -16,6 +15,7 @@ from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.features.mouth import TOOTH
 from service.face.fit.fit import Fit
 from service.geometry.chart import Chart
+from service.geometry.nearest import Nearest
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
@@ -206,7 +206,7 @@ def too_near(rows: list[Inset], offsets: AnyFloat) -> float:
         offsets: (V, 3) metres, the neutral head less the mean one.
     """
     upper, lower = rows
-    above = cKDTree(upper.rest[:, ::2]).query(lower.rest[:, ::2])[1]
+    above = Nearest(upper.rest[:, ::2]).one(lower.rest[:, ::2])[1]
     risen = lower.moved(offsets)[:, 1] - upper.moved(offsets)[above, 1]
     return max(float(np.quantile(risen, 0.95)), 0.0)
 

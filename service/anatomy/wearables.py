@@ -11,7 +11,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
 from service.anatomy.items import Item, Items, fits, following, read_items
 from service.arrays import Bool, Float32, Float64, Int64, UInt8, UInt16
@@ -21,6 +20,7 @@ from service.face.reading.part_labels import BROW
 from service.face.reading.reader import PART_CELLS, Reading
 from service.geometry.chart import nearest_inside
 from service.geometry.mesh import area_normals, laplacian, smooth_fit
+from service.geometry.nearest import Nearest
 from service.geometry.raster import fragments, interpolate, rasterise
 from service.geometry.remesh import split_in_four
 from service.geometry.sampling import sample_chart
@@ -221,13 +221,12 @@ def _tangent(part: MeshPart, item: Item, head: HeadModel, fit: Fit) -> MeshPart:
     columns = np.concatenate([part.neutral, part.vertices, part.uv, *moves, on_seam], 1).astype(np.float64)
     triangles = part.faces.astype(np.int64)
     rim, normals = fit.neutral[of].astype(np.float64), area_normals(fit.neutral, head.triangles)[of].astype(np.float64)
-    tree = cKDTree(rim)
+    tree = Nearest(rim)
     for _ in range(SPLITS):
         columns, triangles = split_in_four(columns, triangles, np.ones(len(triangles), bool))
     _round_off(columns[:, :6], triangles, ROUNDS)
     for rounds in (ROUNDS // 4, 1, 0):
-        away, which = tree.query(columns[:, :3], min(NEIGHBOURS, len(rim)))
-        away, which = away.reshape(len(columns), -1), which.reshape(len(columns), -1)
+        away, which = tree(columns[:, :3], NEIGHBOURS)
         share = 1 / (away + 1e-6) ** 4
         share /= share.sum(1, keepdims=True)
         height = np.einsum("nki,nki->nk", columns[:, None, :3] - rim[which], normals[which])

@@ -1,8 +1,8 @@
-"""A z-buffer rasteriser for triangles in numpy, and compositing of what is partly transparent.
+"""Triangles as pixels: the nearest by OpenCV's z-buffer, or all of them; and compositing of what is partly transparent.
 
-Every triangle is divided into pixel rows and every row into one span of pixel centres, so that only covered pixels are
-visited. Two triangles that share an edge compute its crossing with a row from the same two points in the same order,
-hence to the same bits, and spans are half open: no pixel between neighbours is missed or drawn twice.
+For all of them every triangle is divided into pixel rows and every row into one span of pixel centres, so that only
+covered pixels are visited. Two triangles that share an edge compute its crossing with a row from the same two points in
+the same order, hence to the same bits, and spans are half open: no pixel between neighbours is missed or drawn twice.
 """
 
 from __future__ import annotations
@@ -11,15 +11,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int32, Int64
 from service.geometry.camera import NEAREST_M
 
+FARTHEST_PX = 1e7
+"""Distance from the picture's origin up to which corners are drawn: OpenCV computes in single precision."""
 CHUNK = 1 << 20
 """Rows or pixels processed at once; bounds the memory to some tens of megabytes."""
-
-_EMPTY = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
 @dataclass(frozen=True)
@@ -56,8 +55,8 @@ def rasterise(
 
     Of two triangles at the same float32 depth the one with the lower index wins. A pixel centre that lies exactly on an
     edge belongs to the triangle on its right or, for a level edge, below (top-left rule). Triangles without area, with
-    a corner that is not finite, wholly outside the image or, with ``perspective``, with a corner nearer than
-    ``NEAREST_M`` are left out.
+    a corner that is not finite or farther than ``FARTHEST_PX``, wholly outside the image or, with ``perspective``, with
+    a corner nearer than ``NEAREST_M`` are left out.
 
     Args:
         points_2d: (V, 2) pixels, x right, y down, centre of the top left pixel at (0.5, 0.5).
@@ -73,13 +72,46 @@ def rasterise(
     faces = np.asarray(triangles, np.int64).reshape(-1, 3)
     keep = _usable(points, z, faces, cull, perspective)
     keep = keep[_touches(points, faces[keep], width, height)]
+    keep = keep[(np.abs(points[faces[keep]]) < FARTHEST_PX).all((1, 2))]
     faces = faces[keep]
     planes = _Planes.through(points[faces], 1.0 / z[faces] if perspective else z[faces])
+    owner = _nearest(planes, width, height, perspective).ravel()
+    hit = np.flatnonzero(owner >= 0)
+    own, (row, column) = owner[hit], np.divmod(hit, width)
+    inside = _barycentric(planes, own, column + 0.5, row + 0.5, perspective)
+    triangle = np.full(width * height, -1, np.int32)
+    nearest = np.full(width * height, np.inf, np.float32)
+    weights = np.zeros((width * height, 3), np.float32)
+    triangle[hit], weights[hit], nearest[hit] = keep[own], inside, (inside * z[faces[own]]).sum(1)
+    return Raster(triangle.reshape(height, width), weights.reshape(height, width, 3), nearest.reshape(height, width))
 
-    buffer = np.full(width * height, _EMPTY, np.uint64)
-    for rows in _spans(planes.corners, width, height):
-        _draw(buffer, rows, planes, width, perspective)
-    return _resolve(buffer, planes, keep, width, height, perspective)
+
+def _nearest(planes: _Planes, width: int, height: int, perspective: bool) -> Int64:
+    """(height, width) which triangle is nearest, -1 where there is none, by OpenCV's z-buffer.
+
+    It draws in single precision what a camera with half an image's height to one of depth sees. The reciprocal of
+    depth is linear in the image: that of ``planes``, or where they are linear themselves one that falls with them.
+    """
+    import cv2
+
+    owner = np.full((height, width, 3), -1, np.float32)
+    if not len(planes.corners):
+        return owner[..., 0].astype(np.int64)
+    value = planes.value
+    if not perspective:
+        value = 2 - (value - value.min()) / max(float(np.ptp(value)), np.finfo(np.float64).tiny)
+    away = value.max() / value.ravel()
+    flat = (planes.corners.reshape(-1, 2) * (1, -1) + (-width / 2, height / 2)) * (2 / height)
+    vertices = np.column_stack([flat * away[:, None], -away]).astype(np.float32)
+    corners = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+    names = np.repeat(np.arange(len(corners), dtype=np.float32), 9).reshape(-1, 3)
+    near, far = 0.99, float(away.max()) * 1.01
+    settings = cv2.TriangleRasterizeSettings()
+    settings.setShadingType(cv2.RASTERIZE_SHADING_FLAT)
+    settings.setCullingMode(cv2.RASTERIZE_CULLING_NONE)
+    depth = np.full((height, width), far, np.float32)
+    cv2.triangleRasterize(vertices, corners, names, owner, depth, np.eye(4), np.pi / 2, near, far, settings)
+    return owner[..., 0].astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -261,14 +293,6 @@ def _expand(counts: Int64) -> tuple[Int64, Int64]:
     return owner, np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]
 
 
-def _draw(buffer: npt.NDArray[np.uint64], rows: _Rows, planes: _Planes, width: int, perspective: bool) -> None:
-    """Lower ``buffer`` to the (depth, triangle) keys of the spans."""
-    span, step = _expand(rows.stop - rows.start)
-    pixel, depth = _at(rows, planes, span, step, width, perspective)
-    key = (_to_sortable(depth).astype(np.uint64) << np.uint64(32)) | rows.triangle.astype(np.uint64)[span]
-    np.minimum.at(buffer, pixel, key)
-
-
 def _at(rows: _Rows, planes: _Planes, span: Int64, step: Int64, width: int, perspective: bool) -> tuple[Int64, Float32]:
     """(N,) flat index of each pixel of the spans, and (N,) its depth."""
     corner, slope, value, t = planes.corners[:, 0], planes.slope, planes.value, rows.triangle
@@ -281,33 +305,6 @@ def _at(rows: _Rows, planes: _Planes, span: Int64, step: Int64, width: int, pers
     interpolated = np.clip(interpolated, low[t][span], high[t][span])
     depth = (1.0 / interpolated if perspective else interpolated).astype(np.float32)
     return (rows.y * width + rows.start)[span] + step, depth
-
-
-def _to_sortable(depth: Float32) -> npt.NDArray[np.uint32]:
-    """Unsigned integers in the same order as the floats."""
-    bits = (depth + np.float32(0)).view(np.uint32)  # adding 0 makes -0 and +0 the same
-    return np.where(bits >> np.uint32(31), ~bits, bits | np.uint32(0x80000000))
-
-
-def _from_sortable(bits: npt.NDArray[np.uint32]) -> Float32:
-    return np.where(bits >> np.uint32(31), bits & np.uint32(0x7FFFFFFF), ~bits).view(np.float32)
-
-
-def _resolve(
-    buffer: npt.NDArray[np.uint64], planes: _Planes, kept: Int64, width: int, height: int, perspective: bool
-) -> Raster:
-    hit = np.flatnonzero(buffer != _EMPTY)
-    key = buffer[hit]
-    local = (key & np.uint64(0xFFFFFFFF)).astype(np.int64)
-    triangle = np.full(width * height, -1, np.int32)
-    nearest = np.full(width * height, np.inf, np.float32)
-    weights = np.zeros((width * height, 3), np.float32)
-    triangle[hit] = kept[local]
-    nearest[hit] = _from_sortable((key >> np.uint64(32)).astype(np.uint32))
-    row, column = np.divmod(hit, width)
-    x, y = (column + 0.5).astype(np.float64), (row + 0.5).astype(np.float64)
-    weights[hit] = _barycentric(planes, local, x, y, perspective)
-    return Raster(triangle.reshape(height, width), weights.reshape(height, width, 3), nearest.reshape(height, width))
 
 
 def _barycentric(planes: _Planes, t: Int64, x: Float64, y: Float64, perspective: bool) -> Float64:

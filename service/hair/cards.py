@@ -16,12 +16,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter
-from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, Int64
 from service.geometry.mesh import face_normals
+from service.geometry.nearest import Nearest
 from service.hair.atlas import SAMPLES, Atlas, Cells, Strokes, cell_corners, draw_atlas
 from service.hair.groom import Groom
 from service.hair.scalp import CELL_M, LOW, Field, Scalp, unit
@@ -163,7 +163,11 @@ class Body:
         count = np.bincount(np.ravel_multi_index(tuple(cell.T), shape), minlength=int(np.prod(shape))).reshape(shape)
         usual = max(float(np.median(count[count > 0])), 1.0)
         solid = np.where(distance < 0, 1.0, 1 - np.exp(-count / usual))
-        return cls(Field(np.asarray(gaussian_filter(solid, 2.0, mode="nearest"), np.float32)))
+        for _ in shape:  # along the first axis, which then becomes the last
+            flat = solid.reshape(len(solid), -1).astype(np.float32)
+            soft = cv2.GaussianBlur(flat, (1, 17), 0, sigmaY=2.0, borderType=cv2.BORDER_REPLICATE)
+            solid = np.moveaxis(soft.reshape(solid.shape), 0, -1)
+        return cls(Field(np.ascontiguousarray(solid)))
 
     def outwards(self, points: Float32) -> Float32:
         """(..., 3) float32 unit vectors from points (..., 3), metres, to where there is less hair."""
@@ -282,8 +286,7 @@ def facing(line: Float32, outwards: Float32, rng: np.random.Generator) -> Float3
 
 def on_hairline(roots: Float32) -> Bool:
     """(N,) whether roots (N, 3) lie on the border of those: their neighbours are all on one side."""
-    found = cKDTree(roots).query(roots, k=min(24, len(roots)))
-    apart, near = np.asarray(found[0]).reshape(len(roots), -1), np.asarray(found[1]).reshape(len(roots), -1)
+    apart, near = Nearest(roots)(roots, 24)
     offset = np.linalg.norm(roots[near].mean(1) - roots, axis=1)
     return np.asarray(offset > EDGE_SHARE * np.maximum(apart.mean(1), 1e-6))
 
@@ -436,8 +439,7 @@ def _cap(groom: Groom, scalp: Scalp) -> tuple[Float32, Float32, Float32, Int32]:
     points, normals = corners[first], scalp.normals.reshape(-1, 3)[first]
     # Strands that fill the hairline share their roots: they make no denser hair than there is elsewhere.
     roots = np.unique(np.round(groom.strands[:, 0], 4), axis=0)
-    apart, _ = cKDTree(roots).query(points, k=min(ROOTS_ROUND, len(roots)))
-    mean = np.asarray(apart).reshape(len(points), -1).mean(1)
+    mean = Nearest(roots)(points, ROOTS_ROUND)[0].mean(1)
     usual = float(np.quantile(mean[mean < THIN_M], 0.7)) if (mean < THIN_M).any() else THIN_M
     thick, thin = FULL
     cover = np.clip((thin - mean / max(usual, 1e-4)) / (thin - thick), 0, 1)

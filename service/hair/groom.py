@@ -13,9 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from service.arrays import Bool, Float32, Int32, Int64
+from service.geometry.nearest import Nearest
 from service.hair.colour import HairColour
 from service.hair.guides import CLEARANCE_M, GUIDE_POINTS, GUIDES, Combing, groups, grow_guides, grown, resampled
 from service.hair.scalp import Roots, Scalp, mean_scalp, unit
@@ -114,8 +114,7 @@ def _between(
     for value in np.unique(own_group):
         own, of = own_group == value, np.flatnonzero(group == value)
         of = of if len(of) else np.arange(len(guides))
-        found = cKDTree(guide_roots.position[of]).query(roots.position[own], k=min(NEAR_GUIDES, len(of)))
-        distance, nearest = (np.asarray(part).reshape(int(own.sum()), -1) for part in found)
+        distance, nearest = Nearest(guide_roots.position[of])(roots.position[own], NEAR_GUIDES)
         fill = NEAR_GUIDES - nearest.shape[1]
         index[own] = of[np.pad(nearest, ((0, 0), (0, fill)), mode="edge")]
         apart[own] = np.pad(distance, ((0, 0), (0, fill)), mode="edge")
@@ -129,8 +128,8 @@ def _between(
     count = max(1, min(len(roots), round(0.055 / (style.lock_mm / 1000) ** 2)))
     even = count <= len(skin.even)
     heads = skin.even.chosen(np.arange(count)) if even else roots.chosen(rng.choice(len(roots), count, replace=False))
-    tree = cKDTree(np.column_stack([heads.position, 0.05 * groups(style, heads)[:, None]]))
-    lock = tree.query(np.column_stack([roots.position, 0.05 * own_group[:, None]]))[1].astype(np.int32)
+    tree = Nearest(np.column_stack([heads.position, 0.05 * groups(style, heads)[:, None]]))
+    lock = tree.one(np.column_stack([roots.position, 0.05 * own_group[:, None]]))[1].astype(np.int32)
     middle = np.zeros((len(heads.position), points, 3), np.float32)
     size = np.bincount(lock, minlength=len(middle)).astype(np.float32)
     for axis in range(3):

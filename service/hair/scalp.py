@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
-from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Bool, Float32, Int64
 from service.geometry.mesh import folded, spread_points, vertex_normals
+from service.geometry.nearest import Nearest
 from service.head.model import HeadModel
 
 CENTRE = np.array([0.0, 0.02, -0.07], np.float32)
@@ -32,8 +31,10 @@ EVEN = 1200
 """Roots of :attr:`Scalp.even`: more than there are guides or large locks."""
 EDGE = 0.45
 """Value of the head's soft mask of the scalp at the hairline."""
-BAND = 2.5
-"""Cells from the surface up to which distances are exact."""
+COARSE = 4
+"""Points of the grid along each axis of which one is measured everywhere."""
+NEAR_M = 0.03
+"""Distance from the surface, by those alone, up to which all points are measured."""
 DEEPEST_M = 0.11
 """No point in a head is farther from its skin; a rim that is seen from below has no inside."""
 EAR_M = 0.0025
@@ -223,7 +224,7 @@ class Scalp:
         """The same with a ball round each vertex of the ears: thinner than a cell, their tips came through hair."""
         cells = _cells().reshape(-1, 3)
         beside = np.flatnonzero((np.abs(cells[:, 1:] - self.ears[:, 1:].mean(0)) < NEAR_EAR_M).all(1))
-        apart = cKDTree(self.ears).query(cells[beside], distance_upper_bound=NEAR_EAR_M)[0]
+        apart = Nearest(self.ears).one(cells[beside])[0]
         distance = self.distance.values.copy()
         distance.flat[beside] = np.minimum(distance.flat[beside], apart - EAR_M)
         return replace(self, distance=Field(distance))
@@ -272,26 +273,23 @@ def unit(vectors: AnyFloat) -> Float32:
 def _distances(triangles: Float32) -> Float32:
     """Signed distances on the grid to triangles (T, 3, 3), whose fronts look outwards, and to the shoulders."""
     samples, normals = _dense(triangles)
-    cells = _cells()
-    shape = cells.shape[:3]
-    place = np.rint((samples - _LOW) / np.float32(CELL_M)).astype(int)
-    inside = ((place >= 0) & (place < shape)).all(1)
-    samples, normals, place = samples[inside], normals[inside], place[inside]
-    # One sample of each cell of the surface stands for it; cells near the surface take the nearest of all instead.
-    seeds = np.ones(shape, bool)
-    seeds[tuple(place.T)] = False
-    stands = np.zeros(shape, np.int64)
-    stands[tuple(place.T)] = np.arange(len(samples))
-    cells_away, nearest = distance_transform_edt(seeds, return_indices=True)
-    index = stands[tuple(nearest)]
-    offset = cells - samples[index]
-    apart, along = np.linalg.norm(offset, axis=-1), (offset * normals[index]).sum(-1)
-    band = cells_away <= BAND
-    exact, four = cKDTree(samples).query(cells[band], k=4)
-    # The nearest sample's plane alone flips sign beside folds such as the ear's; four together vote.
-    apart[band] = exact[:, 0]
-    along[band] = ((cells[band][:, None] - samples[four]) * normals[four]).sum(-1).mean(1)
-    away = np.where((along < 0) & (apart < DEEPEST_M), -apart, apart)
+    nearest, cells = Nearest(samples), _cells()
+
+    def signed(points: Float32) -> Float32:
+        """(N,) at points (N, 3). The nearest sample's plane flips sign beside folds such as the ear's; four vote."""
+        apart, four = nearest(points, 4)
+        along = ((points[:, None] - samples[four]) * normals[four]).sum(-1).mean(1)
+        return np.where((along < 0) & (apart[:, 0] < DEEPEST_M), -apart[:, 0], apart[:, 0])
+
+    # Far from the surface distances are as good as linear: there, every fourth point along each axis tells them.
+    some = cells[::COARSE, ::COARSE, ::COARSE]
+    away = signed(some.reshape(-1, 3)).reshape(some.shape[:3])
+    for axis, (fine, coarse) in enumerate(zip(cells.shape, some.shape[:3], strict=False)):
+        place = np.minimum(np.arange(fine) / COARSE, coarse - 1)
+        hats = 1 - np.abs(place[:, None] - np.arange(coarse))
+        away = np.moveaxis(np.tensordot(np.maximum(hats, 0).astype(np.float32), away, (1, axis)), 0, axis)
+    near = np.abs(away) < NEAR_M
+    away[near] = signed(cells[near])
     # The neck is open below; what lies under its rim belongs to the shoulders.
     rim = triangles[..., 1].min()
     below = cells[..., 1] < rim

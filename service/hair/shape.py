@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
-from scipy.ndimage import maximum_filter, minimum_filter
-from scipy.spatial import cKDTree
 
 from service.arrays import Bool, Float32, Float64
+from service.geometry.nearest import Nearest
 from service.hair.groom import Groom, make_groom
 from service.hair.guides import Combing, bridge, met, recedes, resampled
 from service.hair.reading import CELLS
@@ -170,15 +170,15 @@ def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generato
     facing = sight.facing(more) > 0.02
     shown = (sight.hair[cell] > SURE) & (sight.known[cell] > SURE) & seen & facing
     shown &= met(groom.style) * bridge(more) < BRIDGED  # a line of hair along the top of a bald head is its outline
-    near = cKDTree(groom.strands[:, 0])
-    apart = near.query(more.position)[0]
+    near = Nearest(groom.strands[:, 0])
+    apart, like = near.one(more.position)
     # Where roots are as near as they are among themselves, hair grows already.
-    usual = float(np.median(near.query(groom.strands[:500, 0], k=2)[0][:, 1]))
+    usual = float(np.median(near(groom.strands[:500, 0], 2)[0][:, -1]))
     wanted = shown & (apart > 1.5 * usual)
     if not wanted.any():
         return groom
     roots = more.chosen(wanted)
-    like = near.query(roots.position)[1]
+    like = like[wanted]
     return groom.joined(roots.position[:, None] - groom.strands[like, :1] + groom.strands[like], roots.uv, like)
 
 
@@ -271,7 +271,8 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     """
     solid = np.where(np.isfinite(sight.behind), sight.behind, np.float32(9.0))
     # Where the skin turns away from the camera, a cell does not tell how deep its hair lies.
-    steep = (solid < 9.0) & (maximum_filter(solid, 3) - minimum_filter(solid, 3) > STEEP_M)
+    square = np.ones((3, 3), np.uint8)
+    steep = (solid < 9.0) & (cv2.dilate(solid, square) - cv2.erode(solid, square) > STEEP_M)
     uncovered = sight.drawn(groom.strands).mask < UNCOVERED
     lacking = np.argwhere((sight.hair > SURE) & (sight.known > SURE) & uncovered & ~steep)
     if not len(lacking) or not len(groom):
@@ -286,7 +287,7 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     own = np.flatnonzero(sight.visible(at, depth)[1])
     if not len(own):
         return groom
-    apart, near = cKDTree(at.reshape(-1, 2)[own]).query(cells)
+    apart, near = Nearest(at.reshape(-1, 2)[own]).one(cells)
     near = own[near]
     column, row = cells.astype(int).T
     # A lock that is bent off the skull stands there alone: there, the outline is moved as a whole.

@@ -16,6 +16,7 @@ import numpy as np
 
 from service.arrays import Bool, Float32, Int64
 from service.geometry.mesh import normalise
+from service.geometry.nearest import Nearest
 from service.geometry.sampling import surface_points, thinned
 from service.light.environment import Illumination, flux_by_direction, prefiltered, spread_directions
 from service.light.formulas import F0_SCALE, Graphs, irradiance, lamp_numbers, mirror_weights, project, with_flesh
@@ -56,14 +57,11 @@ class Nodes:
     @classmethod
     def of(cls, points: Float32) -> Nodes:
         """One node per cube of side ``GRAIN_M`` of points (F, 3), metres, F > 0."""
-        from scipy.spatial import cKDTree
-
         cell = np.floor((points - points.min(0)) / GRAIN_M).astype(np.int64).clip(max=(1 << 21) - 1)
         _, index = np.unique(cell @ np.array([1 << 42, 1 << 21, 1]), return_index=True)
-        count = min(NEIGHBOURS, len(index))
-        away, near = cKDTree(points[index]).query(points, k=range(1, count + 1))
-        share = np.exp(-((np.asarray(away) - away[:, :1]) * (np.asarray(away) + away[:, :1])) / GRAIN_M**2)
-        return cls(index, np.asarray(near), np.asarray(share / share.sum(1, keepdims=True), np.float32))
+        away, near = Nearest(points[index])(points, NEIGHBOURS)
+        share = np.exp(-((away - away[:, :1]) * (away + away[:, :1])) / GRAIN_M**2)
+        return cls(index, near, np.asarray(share / share.sum(1, keepdims=True), np.float32))
 
     def read(self, values: Float32) -> Float32:
         """(F, C) of values (N, C)."""

@@ -23,6 +23,7 @@ from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.face.features.iris import Iris, Search, search
 from service.face.features.rims import RIMS, Followed, Rim, fit_to_rim
 from service.geometry.camera import Camera
+from service.geometry.nearest import Nearest
 from service.head.model import HeadModel
 from service.head.regions import IRIS_RADIUS_M, SIDES, Eyeball, eyeball, lid_edges, part_vertices, pole
 from service.robust import smoothstep
@@ -266,11 +267,9 @@ def eyes_on_rims(head: HeadModel, neutral: AnyFloat, photos: Sequence[SeenRims])
 
 def _moved(head: HeadModel, neutral: Float64, camera: Camera, side: str, rim: Rim, found: Followed) -> Float32:
     """(V, 3) by how much each vertex moves: rigidly near the eye, turned about the direction of view."""
-    from scipy.spatial import cKDTree
-
     lids = np.flatnonzero(head.region(f"eyelid_{side}") > 0.5)
     core = np.concatenate([lids, part_vertices(head, f"eye_{side}")])
-    distance = cKDTree(neutral[core]).query(neutral, distance_upper_bound=FADES_M)[0]
+    distance = Nearest(neutral[core]).one(neutral)[0]
     weight = smoothstep(distance, FADES_M, 0.0)
     up = rim.across @ camera.rotation[:2]
     along = rim.along * rim.length @ camera.rotation[:2]

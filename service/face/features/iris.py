@@ -108,13 +108,14 @@ class Search:
 
     def spread(self, within: float) -> Float32:
         """(n, n) >= 0: largest merit within so many iris radii of each pixel, less the cost of the distance."""
-        from scipy.ndimage import grey_dilation
-
-        reach = int(within * RADIUS_PX)
-        y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1] / RADIUS_PX
-        away = np.hypot(x, y)
-        cost = np.where(away <= within, -EXPECTED_COST * away**2, -9.0)
-        return np.asarray(grey_dilation(np.maximum(self.merit, 0), structure=cost, mode="constant"), np.float32)
+        reach, (rows, columns) = int(within * RADIUS_PX), self.merit.shape
+        merit = np.pad(np.maximum(self.merit, 0).astype(np.float32), reach)
+        most = np.zeros((rows, columns), np.float32)
+        for y, x in np.ndindex(2 * reach + 1, 2 * reach + 1):
+            away = float(np.hypot(y - reach, x - reach)) / RADIUS_PX
+            if away <= within:
+                most = np.maximum(most, merit[y : y + rows, x : x + columns] - np.float32(EXPECTED_COST * away**2))
+        return most
 
 
 def search(pixels: UInt8, rim: Float64, radius_px: float) -> Search | None:

@@ -210,8 +210,6 @@ def fit_to_rim(
         camera: of the fit.
         placed: the opening lies where it should, and only its edges can move.
     """
-    from scipy.optimize import lsq_linear
-
     out = np.array(expression, np.float64)
     units = [k for k, name in enumerate(head.expression_names) if name in names]
     if not units or not -camera.rotation[2, 2] >= LEAST_FACING:
@@ -241,9 +239,45 @@ def fit_to_rim(
             matrix.append(np.hstack([edge.slope, moved]) * weight[:, None])
             target.append((wanted - edge.height) * weight)
         bounds = np.r_[-start - 1e-9, low], np.r_[1.0 - start + 1e-9, high]
-        solved = lsq_linear(np.vstack(matrix), np.concatenate(target), bounds).x
+        solved = bounded_least_squares(np.vstack(matrix), np.concatenate(target), *bounds)
         out[units], away = np.clip(start + solved[: len(units)], 0.0, 1.0), solved[len(units) :]
     return Followed(out, *(float(one) for one in away))
+
+
+def bounded_least_squares(matrix: Float64, target: Float64, low: Float64, high: Float64) -> Float64:
+    """(n,) x in [low, high] that makes ``matrix`` (m, n) times x nearest to ``target`` (m,): an active set.
+
+    What a bound stops is held there, until no other can move; then the one that would gain most is let go (Stark and
+    Parker, Bounded-variable least squares, 1995). scipy's, which gives the same, takes 0.25 s to import.
+
+    Args:
+        matrix: (m, n) of rank n.
+        target: (m,).
+        low: (n,) below ``high``.
+        high: (n,).
+    """
+    square, right = matrix.T @ matrix, matrix.T @ target
+    x = np.clip(np.zeros(len(right)), low, high)
+    free = (x > low) & (x < high)
+    for _ in range(10 * len(x)):
+        wanted = x.copy()
+        wanted[free] = np.linalg.solve(square[np.ix_(free, free)], right[free] - square[np.ix_(free, ~free)] @ x[~free])
+        step = wanted - x
+        bound = np.where(step > 0, high, low)
+        share = np.divide(bound - x, step, out=np.full(len(x), np.inf), where=step != 0)
+        first = int(share.argmin())
+        if share[first] < 1:
+            x = np.clip(x + share[first] * step, low, high)
+            x[first], free[first] = bound[first], False
+            continue
+        x = wanted
+        down = square @ x - right
+        gain = np.where(free, 0.0, np.where(x > low, down, -down))
+        most = int(gain.argmax())
+        if gain[most] <= 1e-12 * np.abs(right).max(initial=1.0):
+            break
+        free[most] = True
+    return x
 
 
 def inside_rim(pixels: UInt8, rim: AnyFloat, margin: float) -> tuple[Float32, Float64]:

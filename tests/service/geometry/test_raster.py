@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.geometry.raster import composite, fragments, rasterise
+from service.geometry.raster import FARTHEST_PX, composite, fragments, rasterise
 from service.geometry.sampling import Pyramid
 
 
@@ -34,6 +34,25 @@ def _reference(points: np.ndarray, depth: np.ndarray, triangles: np.ndarray, wid
         z = np.einsum("k,khw->hw", depth[t], weights)
         nearest = np.where(inside & (z < nearest), z, nearest)
     return nearest
+
+
+def test_corners_far_outside_the_picture() -> None:
+    """In single precision a corner 1e12 pixels away made the whole triangle vanish, and one of 1e39 overflowed."""
+    for far in (1e3, 1e6, 1e8, 1e12, 1e39, 1e200):
+        points = np.array([[-far, -far], [far, -far], [0, far]])
+        drawn = rasterise(points, np.array([1.0, 2.0, 3.0]), np.array([[0, 2, 1]]), 20, 16, perspective=True)
+        assert drawn.mask.all() if far < FARTHEST_PX else not drawn.mask.any()
+        assert np.isfinite(drawn.barycentric).all()
+
+
+@pytest.mark.parametrize("gap", [1e-3, 1e-5])
+def test_layers_close_to_each_other_before_something_far(gap: float) -> None:
+    points, triangles = _square(0, 0, 40, 40)
+    tilt = np.array([0.0, 0.1, 0.1, 0.0])
+    depth = np.concatenate([0.6 + gap + tilt, 0.6 + tilt, np.full(4, 30.0)])
+    layers = np.concatenate([triangles, triangles + 4, triangles + 8])
+    drawn = rasterise(np.tile(points, (3, 1)), depth, layers, 40, 40, perspective=True)
+    assert np.isin(drawn.triangle, [2, 3]).all()
 
 
 def test_agrees_with_brute_force() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.face.features.eyes import LASH_ROOTS, SeenRims, eyes_on_rims, lids_on_rims
-from service.face.features.rims import RIMS
+from service.face.features.rims import RIMS, bounded_least_squares
 from service.geometry.camera import Camera, exp_rotation
 from service.head.model import HeadModel
 from service.head.regions import SIDES, lid_edges
@@ -136,3 +136,19 @@ def test_what_was_not_read_or_has_no_lids_stays(head: HeadModel) -> None:
     assert np.isfinite(moved).all() and moved.max() < 0.01
     toy = sphere_head(24, 48)
     assert np.array_equal(placed(toy, np.zeros(len(toy.expression)), view, good), toy.mean)
+
+
+def test_bounded_least_squares_is_scipys() -> None:
+    """Bounds that hold none, some or all of the unknowns; rows from weak priors to strong measurements."""
+    from scipy.optimize import lsq_linear
+
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        n = int(rng.integers(1, 12))
+        rows = rng.normal(size=(int(rng.integers(0, 20)), n)) * 10 ** rng.uniform(-2, 2)
+        matrix = np.vstack([rows, np.diag(10 ** rng.uniform(-1, 2, n))])
+        target = rng.normal(size=len(matrix)) * 10 ** rng.uniform(-1, 2)
+        low, high = -rng.random(n) - 1e-9, rng.random(n) + 1e-9
+        found = bounded_least_squares(matrix, target, low, high)
+        assert (found >= low).all() and (found <= high).all()
+        np.testing.assert_allclose(found, lsq_linear(matrix, target, (low, high), method="bvls").x, atol=1e-8)
