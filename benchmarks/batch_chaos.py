@@ -118,9 +118,8 @@ def run(folder: Path, count: int, kills: int, pause: float, real: list[Path] | N
     postgres = Postgres(folder)
     postgres.start()
     settings: dict[str, object] = {"database": postgres.url, "batches": 1, "reserve_mb": 1, "niceness": 0}
-    settings["program"] = "tests.support.toy_job"  # there are no jobs; the networks are not tried at each start
     if real is None:
-        settings |= {"batches": 2, "batch_program": "tests.support.toy_photo"}
+        settings |= {"batches": 2, "program": "tests.support.toy_photo"}
     workers, driver = None, None
     try:
         bucket = _bucket()

@@ -78,7 +78,7 @@ class Wanted:
     jobs: int = 1
     timeout_s: float = 1800.0
     memory_mb: int = Settings.memory_mb
-    program: str = Settings.batch_program
+    program: str = Settings.program
     inputs: frozenset[str] = SUFFIXES
     product: str = ARCHIVE
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from collections.abc import Sequence
 
@@ -18,9 +17,8 @@ LOOKS = 4
 def batches(worker: Worker) -> Sequence[Workflows]:
     """What a worker does besides jobs."""
     settings, runner = worker.settings, worker.runner
-    maker = LocalMaker(dataclasses.replace(settings, program=settings.batch_program))
     rounds, scratch = Rounds(worker.engine), runner.scratch / "batches"
-    shards = Shards(rounds, maker, scratch, runner.stopping, lambda error: worker.quit(error.message))
+    shards = Shards(rounds, LocalMaker(settings), scratch, runner.stopping, lambda error: worker.quit(error.message))
     return [shards.workflows(settings.batches, settings.look_seconds / LOOKS)]
 
 

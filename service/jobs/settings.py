@@ -72,10 +72,8 @@ class Settings(Checked):
         webhook_hosts: hosts that may be told of the end of a job, joined by commas; "" for none.
         webhook_secret: path of the file with the secret that messages are signed with; needed with ``webhook_hosts``.
         webhook_private: hosts may have addresses of a private network, and be told over plain HTTP.
-        program: module that computes a job; tests put a small one here.
-        render_program: module that renders a picture; likewise.
-        export_program: module that makes a kit; likewise.
-        batch_program: module that makes a photo of a batch; likewise.
+        program: module that computes an avatar; tests put a small one here.
+        archive_program: module that makes a picture or a kit of an archive; likewise.
 
     Raises:
         UsageError: a value is not of its kind or out of range; names it and what would be right.
@@ -120,9 +118,7 @@ class Settings(Checked):
     webhook_secret: str = ""
     webhook_private: _Flag = False
     program: str = "service.jobs.avatar_process"
-    render_program: str = "service.jobs.render_process"
-    export_program: str = "service.jobs.kit_process"
-    batch_program: str = "service.jobs.avatar_process"
+    archive_program: str = "service.jobs.archive_process"
 
     def __post_init__(self) -> None:
         # Said without the value, in which a password may be.

@@ -3,7 +3,7 @@ JSON in answers, lists and events, and faults as RFC 9457 problem objects.
 
 What is made of a finished avatar is *derived*: it has no photo, belongs to the avatar and goes with it, and is kept by
 its content, so that the same request for the same result is computed once. A further kind needs an entry here
-with its settings, a program that computes it, as :mod:`service.jobs.render_process` is, and its routes, on
+with its settings, a program that computes it, as :mod:`service.jobs.archive_process` is, and its routes, on
 :mod:`service.api.renders_and_exports`.
 """
 
@@ -176,13 +176,13 @@ AVATAR = Kind(
 )  # fmt: skip
 
 RENDER = Kind(
-    name="render", place="renders", artifact="picture", file="picture.png", program="render_program",
+    name="render", place="renders", artifact="picture", file="picture.png", program="archive_program",
     seconds="render_seconds", at_a_time="renders",
     slow="rendering took more than {seconds:g} s; ask for a smaller picture",
 )  # fmt: skip
 
 EXPORT = Kind(
-    name="export", place="exports", artifact="kit", file="kit.zip", program="export_program",
+    name="export", place="exports", artifact="kit", file="kit.zip", program="archive_program",
     seconds="export_seconds", at_a_time="exports", looks=2.5,
     slow="making the kit took more than {seconds:g} s; make the avatar with smaller maps",
 )  # fmt: skip

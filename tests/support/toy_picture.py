@@ -1,4 +1,4 @@
-"""A picture that takes no time, in place of the renderer (``Settings.render_program``), and faults on request.
+"""A picture that takes no time, in place of the renderer (``Settings.archive_program``), and faults on request.
 
 ``view`` of the request chooses a fault: "back" is a mistake in the program, "left" takes for ever.
 """

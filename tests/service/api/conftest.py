@@ -105,8 +105,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     running = Server(
         tmp_path_factory.mktemp("server") / "data",
         {
-            "header_seconds": 1.0, "idle_seconds": 1.0, "body_seconds": 5.0, "jobs": 2, "render_program": TOY_PICTURE,
-            "export_program": TOY_PICTURE,
+            "header_seconds": 1.0, "idle_seconds": 1.0, "body_seconds": 5.0, "jobs": 2, "archive_program": TOY_PICTURE,
         },
     )  # fmt: skip
     running.start()

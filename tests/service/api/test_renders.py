@@ -52,7 +52,7 @@ def test_a_picture_is_a_job_and_made_once(api: Api, finished: str) -> None:
     place = first.headers["location"]
     assert api.client.get(place).json()["state"] == "queued"
     is_problem(api.client.get(f"{place}/picture.png"), 409, "not-ready")
-    api.work("render", render_program=TOY_PICTURE)
+    api.work("render", archive_program=TOY_PICTURE)
     answer = api.ask(RENDERS, dict(reversed(content.items())))
     assert (answer.status_code, answer.headers["content-location"]) == (200, place)
     assert json.loads(answer.headers["render-facts"])["exposure"] == 0.5
@@ -115,7 +115,7 @@ def test_a_picture_counts_in_the_quota(tmp_path: Path) -> None:
 
 def test_a_slow_picture_is_ended_at_its_deadline(api: Api, finished: str) -> None:
     api.ask(RENDERS, {"avatar": finished, "view": "left"}, Prefer="respond-async")
-    api.work("render", render_program=TOY_PICTURE, render_seconds=0.5)
+    api.work("render", archive_program=TOY_PICTURE, render_seconds=0.5)
     row = api.context.store.where(JOBS.c.kind == "render", JOBS.c.state == "failed")[-1]
     assert json.loads(row["error"])["code"] == "render-timeout"
 
@@ -124,7 +124,7 @@ def test_a_fault_of_the_renderer_is_a_problem(api: Api, finished: str) -> None:
     """Found by the child only: it knows where the head is."""
     content = {"avatar": finished, "scene": {"viewpoints": [[0, 0, 0.01]]}}
     job = api.ask(RENDERS, content, Prefer="respond-async").json()["id"]
-    api.work("render", render_program="service.jobs.render_process")
+    api.work("render", archive_program="service.jobs.archive_process")
     error = api.client.get(f"/v1/renders/{job}").json()["error"]
     assert (error["code"], error["status"]) == ("usage", 422)
     assert "viewpoint" in error["detail"]

@@ -42,7 +42,7 @@ def write_keys(file: Path, *names: str, **more: Any) -> None:
 
 
 def settings_of(keys: Path) -> dict[str, Any]:
-    return {"keys": keys, "render_program": TOY_PICTURE, "export_program": TOY_PICTURE, "idle_seconds": 3.0, "jobs": 2}
+    return {"keys": keys, "archive_program": TOY_PICTURE, "idle_seconds": 3.0, "jobs": 2}
 
 
 class Receiver:
