@@ -139,7 +139,7 @@ def scene(**parts: Any) -> dict[str, Any]:
     [
         ("[", 422, "malformed-render", ""),
         ("[]", 422, "malformed-render", ""),
-        ('{"avatar": "x", "tolerance": NaN}', 422, "malformed-render", "/tolerance"),
+        ('{"avatar": "x", "tolerance": NaN}', 422, "malformed-render", ""),
         ("[" * 100_000, 422, "malformed-render", ""),
         ({}, 422, "usage", "/avatar"),
         ({"avatar": 3}, 422, "usage", "/avatar"),
