@@ -21,6 +21,7 @@ from service.api.front import is_head
 from service.api.keys import Tenant
 from service.api.openapi import FileList
 from service.api.problem_responses import HttpProblem, not_found
+from service.archive.container import MEDIA_TYPES
 from service.jobs.store import Row
 
 _ONE = re.compile(r"bytes=\s*(\d{0,18})-(\d{0,18})\s*\Z", re.IGNORECASE)
@@ -68,17 +69,7 @@ PIECE = 256 << 10
 
 _LOCAL_HEADER = 30
 
-TYPES = {
-    "zip": "application/zip",
-    "json": "application/json",
-    "png": "image/png",
-    "jpg": "image/jpeg",
-    "glb": "model/gltf-binary",
-    "obj": "model/obj",
-    "mtl": "model/mtl",
-    "usda": "model/vnd.usda",
-    "md": "text/markdown; charset=utf-8",
-}
+TYPES = {**MEDIA_TYPES, "zip": "application/zip", "md": "text/markdown; charset=utf-8"}
 
 OTHER = "application/octet-stream"
 

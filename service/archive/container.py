@@ -46,6 +46,20 @@ MEMBERS = {
 """Every name that an archive may contain, in the order of the file, and its role where that is not its stem; textures
 of parts follow the maps."""
 
+MEDIA_TYPES = {
+    "png": "image/png",
+    "jpg": "image/jpeg",
+    "obj": "model/obj",
+    "mtl": "model/mtl",
+    "glb": "model/gltf-binary",
+    "usda": "model/vnd.usda",
+    "mtlx": "model/mtlx+xml",
+    "exr": "image/x-exr",
+    "md": "text/markdown",
+    "json": "application/json",
+}
+"""Media type by file name extension."""
+
 PART_TEXTURE = re.compile(r"maps/parts/[A-Za-z][A-Za-z0-9_]{0,39}\.(png|exr)")
 """Name of a texture of a part's own."""
 

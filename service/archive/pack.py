@@ -20,7 +20,7 @@ import numpy as np
 from service import GENERATOR, PROGRAM, __version__
 from service import manifest as m
 from service.archive.avatar import Avatar, Drawn, Shapes, Source, drawn_parts, licences_text
-from service.archive.container import MEMBERS, in_order, write_file, write_stream
+from service.archive.container import MEDIA_TYPES, MEMBERS, in_order, write_file, write_stream
 from service.archive.glb import EncodedPicture, glb_bytes, weights_by_name
 from service.archive.images import encode_jpeg, encode_png
 from service.archive.maps import (
@@ -179,20 +179,6 @@ def _previews(avatar: Avatar, drawn: Drawn) -> dict[str, bytes]:
     pictures = {} if drawn.overlay is None else {"preview/overlay.jpg": encode_jpeg(drawn.overlay)}
     return {**pictures, "preview/sheet.jpg": encode_jpeg(sheet(avatar, drawn))}
 
-
-MEDIA_TYPES = {
-    "png": "image/png",
-    "jpg": "image/jpeg",
-    "obj": "model/obj",
-    "mtl": "model/mtl",
-    "glb": "model/gltf-binary",
-    "usda": "model/vnd.usda",
-    "mtlx": "model/mtlx+xml",
-    "exr": "image/x-exr",
-    "md": "text/markdown",
-    "json": "application/json",
-}
-"""Media type by file name extension."""
 
 Section = TypeVar("Section")
 
