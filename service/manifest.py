@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -468,11 +467,6 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **TypeAdapter(Manifest).json_schema()}
 
 
-def schema_text() -> str:
-    """The published form of :func:`json_schema`."""
-    return json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
-
-
 def _not_finite(value: object, path: str = "$") -> str:
     """Path of the first number that JSON cannot hold."""
     if isinstance(value, dict):
@@ -492,23 +486,11 @@ PUBLISHED = (
 """For readers of the repository, and shipped with the package."""
 
 
-def stale() -> list[Path]:
-    """Published files that differ from the classes."""
-    text = schema_text()
-    return [path for path in PUBLISHED if not path.exists() or path.read_text(encoding="utf-8") != text]
-
-
-def main(arguments: list[str]) -> int:
-    """Exit status: 1 when ``--check`` finds a file out of date."""
-    old = stale()
-    if "--check" in arguments:
-        sys.stderr.writelines(f"{path} is out of date: run python -m service.manifest\n" for path in old)
-        return int(bool(old))
-    for path in old:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(schema_text(), encoding="utf-8")
-    return 0
+def schema_text() -> str:
+    """The published form of :func:`json_schema`."""
+    return json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    for file in PUBLISHED:
+        file.write_text(schema_text(), encoding="utf-8")
