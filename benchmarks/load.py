@@ -203,7 +203,7 @@ def calls(store: Store, settings: Settings, first: int = 1 << 64) -> dict[str, C
         "a page of 100": lambda n: store.page(f"tenant-{n % TENANTS}", 100, None),
         "numbers by state": lambda n: store.counts(),
         "the oldest": lambda n: store.oldest(),
-        "what runs": lambda n: store.queue.running(),
+        "what runs": lambda n: store.queue.client.list_workflows(status="PENDING", load_input=False, load_output=False),
         "reconcile, every 10 s": lambda n: janitor.reconcile(working=False),
         "tidy, every 5 s": lambda n: janitor.tidy(),
         "expire, every 30 s": lambda n: janitor.expire(),

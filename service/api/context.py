@@ -35,8 +35,6 @@ JOB_ID = re.compile(r"[0-9a-f]{32}\Z")
 INTERVAL = 0.25
 """Seconds between two looks at the database for new events."""
 
-_CHUNK = 500
-
 log = logging.getLogger(__name__)
 
 
@@ -98,18 +96,17 @@ class Watcher:
             if edition != (edition := self._keys.edition()):
                 self.wake_all()
             jobs = list(self._listeners)
-            for start in range(0, len(jobs), _CHUNK):
-                try:
-                    versions = await run_in_threadpool(self._store.versions, jobs[start : start + _CHUNK])
-                except sa.exc.SQLAlchemyError as error:
-                    log.warning("events cannot be read: %s", error)
-                    break
-                for job in jobs[start : start + _CHUNK]:
-                    version = versions.get(job, -1)  # -1: the row is gone
-                    if self._known.get(job) != version:
-                        self._known[job] = version
-                        for event in self._listeners.get(job, ()):
-                            event.set()
+            try:
+                versions = await run_in_threadpool(self._store.versions, jobs)
+            except sa.exc.SQLAlchemyError as error:
+                log.warning("events cannot be read: %s", error)
+                jobs = []
+            for job in jobs:
+                version = versions.get(job, -1)  # -1: the row is gone
+                if self._known.get(job) != version:
+                    self._known[job] = version
+                    for event in self._listeners.get(job, ()):
+                        event.set()
             await asyncio.sleep(INTERVAL)
 
 

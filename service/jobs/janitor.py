@@ -31,9 +31,6 @@ _TAKE_OVER = 4242003
 STRAY = 3600.0
 """Seconds for which files of a job that nobody knows are seen before they go: the job may be about to be stored."""
 
-ASKED = 500
-"""Jobs that are looked up at a time."""
-
 SILENT = 60.0
 """Seconds without a sign of life after which another worker counts as dead."""
 
@@ -86,8 +83,7 @@ class Janitor:
         """
         artifacts, moment = self._runner.artifacts, time.monotonic()
         found = artifacts.jobs()
-        parts = [found[start : start + ASKED] for start in range(0, len(found), ASKED)]
-        unknown = {job for part in parts for job in set(part) - set(self._store.versions(part))}
+        unknown = set(found) - set(self._store.versions(found))
         self._unknown = {job: self._unknown.get(job, moment) for job in unknown}
         for job, since in self._unknown.items():
             if moment - since >= STRAY:

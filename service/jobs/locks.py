@@ -70,7 +70,8 @@ class DatabaseLock:
             return
         self._connection = engine.connect().execution_options(isolation_level="AUTOCOMMIT")
         deadline = time.monotonic() + _GRACE
-        while not self._try(worker):
+        query = sa.text("select pg_try_advisory_lock(:key)")
+        while not self._connection.execute(query, {"key": key_of(worker)}).scalar_one():
             if time.monotonic() < deadline:
                 time.sleep(0.5)
                 continue
@@ -95,12 +96,6 @@ class DatabaseLock:
             with contextlib.suppress(sa.exc.SQLAlchemyError):
                 self._connection.invalidate()
                 self._connection.close()
-
-    def _try(self, worker: str) -> bool:
-        if self._connection is None:
-            return False
-        query = sa.text("select pg_try_advisory_lock(:key)")
-        return bool(self._connection.execute(query, {"key": key_of(worker)}).scalar_one())
 
 
 def key_of(worker: str) -> int:

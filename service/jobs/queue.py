@@ -116,16 +116,6 @@ class Queue:
         found = self.client.list_workflows(workflow_ids=workflows, load_input=False, load_output=False)
         return {status.workflow_id: status for status in found}
 
-    def running(self, **filters: Any) -> list[WorkflowStatus]:
-        """Workflows that run, or that a worker took and has not finished.
-
-        Args:
-            filters: more of ``DBOSClient.list_workflows``.
-        """
-        return self.client.list_workflows(
-            status="PENDING", load_input=False, load_output=False, limit=MOST_LISTED, **filters
-        )
-
     def take_from(self, workers: Collection[str]) -> int:
         """Put what these workers were at back into its queues; returns the number of workflows.
 
@@ -136,7 +126,9 @@ class Queue:
         """
         if not workers:
             return 0
-        held = self.running(executor_id=sorted(workers))
+        held = self.client.list_workflows(
+            status="PENDING", executor_id=sorted(workers), load_input=False, load_output=False, limit=MOST_LISTED
+        )
         for name in {status.queue_name for status in held}:
             mine = [status.workflow_id for status in held if status.queue_name == name]
             self.client.resume_workflows(mine, queue_name=name)

@@ -28,6 +28,9 @@ OWNERS = {
 }  # fmt: skip
 """Columns that tell of the photo and of the request, as they are when nothing of both may be known any more."""
 
+ASKED = 500
+"""Jobs that are looked up at a time."""
+
 
 class Store:
     """Reads and changes jobs; safe for many threads and processes at once.
@@ -54,29 +57,31 @@ class Store:
         """The row of the job with this Idempotency-Key."""
         return self._one(sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.key == key))
 
-    def page(self, tenant: str, limit: int, after: tuple[float, str] | None, state: str | None = None) -> list[Row]:
+    def page(self, tenant: str, limit: int, after: Row | None, state: str | None = None) -> list[Row]:
         """Avatars of a tenant, newest first, those that are gone left out.
 
         Args:
             tenant: whose.
             limit: at most so many.
-            after: (created_at, id) of the last job of the page before.
+            after: the last job of the page before; None for the first page.
             state: only those in this state.
         """
         query = sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.gone.is_(None), JOBS.c.kind == "avatar")
         if after is not None:
-            query = query.where(sa.tuple_(JOBS.c.created_at, JOBS.c.id) < sa.tuple_(*after))
+            query = query.where(sa.tuple_(JOBS.c.created_at, JOBS.c.id) < sa.tuple_(after["created_at"], after["id"]))
         if state is not None:
             query = query.where(JOBS.c.state == state)
         return self._all(query.order_by(JOBS.c.created_at.desc(), JOBS.c.id.desc()).limit(limit))
 
     def versions(self, jobs: Sequence[str]) -> dict[str, int]:
-        """Number of the last event of each of these jobs."""
-        if not jobs:
-            return {}
+        """Number of the last event of each of these jobs that is known."""
+        found: dict[str, int] = {}
         with self.engine.connect() as connection:
-            rows = connection.execute(sa.select(JOBS.c.id, JOBS.c.events).where(JOBS.c.id.in_(jobs)))
-            return {row.id: row.events for row in rows}
+            for first in range(0, len(jobs), ASKED):
+                part = JOBS.c.id.in_(jobs[first : first + ASKED])
+                rows = connection.execute(sa.select(JOBS.c.id, JOBS.c.events).where(part))
+                found |= {row.id: row.events for row in rows}
+        return found
 
     def events(self, job: str, after: int, limit: int = 500) -> list[Row]:
         """Events of a job with numbers above ``after``: ``n``, ``name``, ``body`` (JSON text)."""

@@ -124,18 +124,13 @@ def _register(runner: Runner) -> None:
                 return "published"
         return str(publish(job, {"kind": "problem", "problem": from_error(FileNotFoundError())}))
 
-    send = DBOS.step(name="send")(_sender(runner))
-
-    @DBOS.workflow(name=MESSAGE, max_recovery_attempts=RECOVERIES)
-    def message(job: str, attempt: int) -> str:
-        return str(send(job, attempt))
-
-
-def _sender(runner: Runner) -> Callable[[str, int], str]:
+    @DBOS.step(name="send")
     def send(job: str, attempt: int) -> str:
         return patient(lambda: webhooks.tell(runner.store, runner.settings, job, attempt))
 
-    return send
+    @DBOS.workflow(name=MESSAGE, max_recovery_attempts=RECOVERIES)
+    def message(job: str, attempt: int) -> str:
+        return send(job, attempt)
 
 
 def _guarded(step: Callable[..., Any]) -> Callable[..., Any]:
