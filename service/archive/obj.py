@@ -31,7 +31,7 @@ from service.head.files import split_polygons, triangle_fields
 from service.head.model import HeadModel
 from service.image_filters import shrunk
 from service.materials.material import ChartMap, Map, Material, OwnMap
-from service.materials.part import MeshPart, is_cards, material_of, part_normals
+from service.materials.part import MeshPart, is_cards, material_of, part_normals, renumbered
 
 _HEADER = """\
 # {title}
@@ -256,16 +256,11 @@ class ObjMesh:
         if name not in self.part_names:
             raise BadMesh(f"the mesh has no part {name[:40]!r}; it has {', '.join(self.part_names)[:200]}")
         chosen = self.polygon_part == self.part_names.index(name)
-        rows = []
-        for index, values in ((self.polygons[chosen], self.vertices), (self.polygon_uv[chosen], self.uv)):
-            used, local = np.unique(index[index >= 0], return_inverse=True)
-            short = np.full(index.shape, -1, np.int32)
-            short[index >= 0] = local
-            rows += [(values[used], short)]
-        (points, polygons), (uv, places) = rows
-        used = np.unique(self.polygons[chosen][self.polygons[chosen] >= 0])
+        used, polygons = renumbered(self.polygons[chosen])
+        places, polygon_uv = renumbered(self.polygon_uv[chosen])
         normals = None if self.normals is None else self.normals[used]
-        return ObjMesh(points, uv, polygons, places, (name,), np.zeros(len(polygons), np.uint8), normals)
+        own = np.zeros(len(polygons), np.uint8)
+        return ObjMesh(self.vertices[used], self.uv[places], polygons, polygon_uv, (name,), own, normals)
 
     def as_head(self, name: str, licence: str) -> HeadModel:
         """A head model with this topology, chart and shape, and without bases, landmarks or regions.

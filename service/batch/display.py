@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 import typer
 
@@ -14,19 +13,15 @@ EVERY_S = 10.0
 """Seconds between two lines where standard error is no terminal."""
 
 
-class Display(Protocol):
-    """Shown how far a round is."""
-
-    def __call__(self, made: int, failed: int, photos: int, seconds: float) -> None:
-        """So many of its photos are made and have failed, of so many, after so many seconds."""
-        ...
+Display = Callable[[int, int, int, float], None]
+"""Told how many photos of a round are made and have failed, of how many, after how many seconds."""
 
 
 @contextmanager
 def display() -> Iterator[Display]:
     """The display that fits standard error. Colour obeys NO_COLOR."""
     if not sys.stderr.isatty():
-        yield Lines()
+        yield _lines()
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
@@ -42,17 +37,17 @@ def display() -> Iterator[Display]:
         yield show
 
 
-class Lines:
+def _lines() -> Display:
     """A line at the beginning, every ``EVERY_S`` and at the end of a round."""
+    following = 0.0
 
-    def __init__(self) -> None:
-        self._next = 0.0
-
-    def __call__(self, made: int, failed: int, photos: int, seconds: float) -> None:
-        """Show the progress as a line now and then; see ``Display``."""
-        if time.monotonic() >= self._next or made + failed == photos:
-            self._next = time.monotonic() + EVERY_S
+    def show(made: int, failed: int, photos: int, seconds: float) -> None:
+        nonlocal following
+        if time.monotonic() >= following or made + failed == photos:
+            following = time.monotonic() + EVERY_S
             typer.echo(f"avatarme: {progress_words(made, failed, photos, seconds)}", err=True)
+
+    return show
 
 
 def progress_words(made: int, failed: int, photos: int, seconds: float) -> str:

@@ -288,8 +288,8 @@ def head_parts(head: HeadModel, vertices: AnyFloat, neutral: AnyFloat) -> list[M
         chosen = head.polygon_part == index
         if not chosen.any():
             continue
-        own, faces = _renumbered(head.polygons[chosen])
-        places, uv_faces = _renumbered(head.polygon_uv[chosen])
+        own, faces = renumbered(head.polygons[chosen])
+        places, uv_faces = renumbered(head.polygon_uv[chosen])
         moved = {unit: head.expression[number, own] for number, unit in enumerate(head.expression_names)}
         parts.append(
             MeshPart(
@@ -307,7 +307,7 @@ def head_parts(head: HeadModel, vertices: AnyFloat, neutral: AnyFloat) -> list[M
     return parts
 
 
-def _renumbered(polygons: Int32) -> tuple[Int64, Int32]:
+def renumbered(polygons: Int32) -> tuple[Int64, Int32]:
     """The indices that polygons (Q, 4) use, ascending, and the polygons as positions among them; -1 stays."""
     used, place = np.unique(polygons[polygons >= 0], return_inverse=True)
     made = np.full(polygons.shape, -1, np.int32)
