@@ -17,8 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from service.batch.display import display
-from service.batch.driver import Wanted
+from service.batch.driver import Wanted, on_stderr
 from service.batch.driver import run as run_batch
 from service.batch.plan import STATE
 from service.jobs.locks import FileLock
@@ -79,7 +78,7 @@ def _drawn(orders: Mapping[str, Order], target: Place, jobs: int, database: str)
         source=source.address, out=target.address, resume=True, database=database, jobs=jobs, timeout_s=_LONGEST_S,
         memory_mb=0, program=__name__, inputs=frozenset({".json"}), product=SUFFIX,
     )  # fmt: skip
-    with display() as shown:
+    with on_stderr() as shown:
         tally = run_batch(asked, shown)
     for line in tally.failures:
         sys.stderr.write(f"{line['path']}: {line['error']['code']}: {line['error']['message']}\n")

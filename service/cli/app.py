@@ -1,12 +1,19 @@
-"""The command ``avatarme``: which commands there are. The module of each is imported when it runs."""
+"""The command ``avatarme``: which commands there are, and how their errors become exit statuses and messages.
+
+The module of each command is imported when it runs.
+"""
 
 from __future__ import annotations
 
 import ast
 import functools
+import json
 import logging
 import os
 import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +22,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from service import __version__
-from service.cli.failures import reported
+from service.errors import AvatarError, as_facts
 
 COMMANDS = {
     "make": "make_and_maps", "batch": "batch", "maps": "make_and_maps", "render": "render_and_export",
@@ -29,6 +36,46 @@ PLAIN: dict[str, Any] = {
     "pretty_exceptions_enable": False,
     "rich_markup_mode": None,  # square brackets in help are literal, and rich need not be imported
 }
+
+
+INTERRUPTED = 130
+"""128 + SIGINT: the exit status that shells expect after Ctrl-C."""
+
+
+def exit_status(error: BaseException) -> int:
+    """Exit status of an error: that of its class in ``service.errors``, 130 for Ctrl-C, 1 for anything else."""
+    if isinstance(error, AvatarError):
+        return error.exit_status
+    return INTERRUPTED if isinstance(error, KeyboardInterrupt) else 1
+
+
+def describe(error: BaseException) -> dict[str, Any]:
+    """``{"error": {"code", "message", ...}}`` with the error's machine-readable facts."""
+    if isinstance(error, KeyboardInterrupt):
+        return {"error": {"code": "interrupted", "message": "interrupted"}}
+    facts = as_facts(error)
+    del facts["status"]  # of HTTP
+    return {"error": facts}
+
+
+@contextmanager
+def reported(*, as_json: bool) -> Iterator[None]:
+    """Turn any exception of the body into a message on stderr, JSON on stdout if requested, and ``typer.Exit``.
+
+    An exception that is not an :class:`AvatarError` is a bug, so its traceback goes to stderr for the bug report.
+    """
+    try:
+        yield
+    except typer.Exit:
+        raise
+    except (Exception, KeyboardInterrupt) as error:
+        description = describe(error)
+        if not isinstance(error, AvatarError | KeyboardInterrupt):
+            typer.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+        typer.echo(f"avatarme: {description['error']['message']}", err=True)
+        if as_json:
+            typer.echo(json.dumps(description, default=str))
+        raise typer.Exit(exit_status(error)) from error
 
 
 class Commands(TyperGroup):
@@ -90,7 +137,7 @@ def run() -> None:
 
 
 def main() -> None:
-    """The command; always ends in SystemExit with the status of ``service.cli.failures``."""
+    """The command; always ends in SystemExit with the status of :func:`exit_status`."""
     # OpenBLAS reads this when numpy loads. The fit's matrices are too small to gain from threads, and OpenBLAS waits
     # for its threads by spinning: a fit of 0.13 s took 9 s while another process used the second core.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.failures import INTERRUPTED, describe
+from service.cli.app import INTERRUPTED, describe
 from service.cli.files import head_file
 from service.cli.flags import AVATAR, Flag, Head, Json, asked, parsed, with_flags
 from service.errors import UsageError
@@ -62,7 +62,6 @@ def batch(
     status: 0 every photo has an archive, 1 some have not, 2 usage, 130 interrupted (go on with --resume).
     """
     from service.batch import driver
-    from service.batch.display import display
     from service.batch.plan import REPORT
 
     begin = time.perf_counter()
@@ -78,7 +77,7 @@ def batch(
     )  # fmt: skip
     _check(wanted, jobs, head)
     try:
-        with display() as shown:
+        with driver.on_stderr() as shown:
             tally = driver.run(wanted, shown)
     except KeyboardInterrupt as interruption:
         typer.echo("avatarme: interrupted; what is finished is in the report, go on with --resume", err=True)
@@ -127,8 +126,7 @@ def _check(wanted: Wanted, jobs: int | None, head: str | None) -> None:
 
 
 def _tell(tally: Tally, report: str, seconds: float, *, as_json: bool) -> None:
-    from service.batch.display import printable
-    from service.batch.driver import SHOWN
+    from service.batch.driver import SHOWN, printable
 
     for line in tally.failures:
         typer.echo(printable(f"{line['path']}: {line['error']['code']}: {line['error']['message']}"), err=True)

@@ -26,8 +26,8 @@ from service.jobs import logs
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import PATIENCE, TEMPORARY_FAILURE, WORKERS, connect, create_tables, seconds_of_database
 from service.jobs.janitor import Janitor, LostJob
-from service.jobs.limits import end_with_parent, keep_private
 from service.jobs.locks import DatabaseLock, FileLock
+from service.jobs.process import end_with_parent, keep_private
 from service.jobs.runner import Runner
 from service.jobs.settings import Settings, from_json
 from service.jobs.store import Store

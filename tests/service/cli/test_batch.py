@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from service.batch.display import display
+from service.batch.driver import on_stderr
 from service.cli.app import app
 from tests.service.client.fake import Fake, answer, problem
 
@@ -92,7 +92,7 @@ def test_a_bar_on_a_terminal(
     monkeypatch.delenv("NO_COLOR", raising=False)
     if no_color:
         monkeypatch.setenv("NO_COLOR", no_color)
-    with display() as shown:
+    with on_stderr() as shown:
         shown(0, 0, 2, 0.0)
         shown(1, 1, 2, 60.0)
     out, err = capsys.readouterr()

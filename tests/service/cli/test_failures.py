@@ -7,7 +7,7 @@ import pytest
 import typer
 
 from service import errors
-from service.cli.failures import reported
+from service.cli.app import reported
 from service.errors import AvatarError
 
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 import typer
 
-from service.cli.failures import reported
+from service.cli.app import reported
 from service.cli.serve_and_worker import worker
 from service.errors import UsageError
 
