@@ -187,10 +187,6 @@ class Context:
         if self.free_mb() < self.settings.reserve_mb:
             raise HttpProblem("no-space", 507, headers={"Retry-After": "120"})
 
-    def close(self) -> None:
-        """Let go of the database."""
-        self.engine.dispose()
-
 
 async def context_of(connection: HTTPConnection) -> Context:
     """The context of the application that got a request; asynchronous, as a hop to a thread would cost more."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import os
 import secrets
 import sys
 import time
@@ -139,18 +138,12 @@ def make_first_key(path: Path) -> Path | None:
             return None
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         for file, text in ((told, key), (path, json.dumps({"keys": [entry]}))):
-            with open(file, "w", encoding="ascii", opener=_own) as stream:
-                stream.write(text + "\n")
+            file.unlink(missing_ok=True)
+            file.touch(0o600)
+            file.write_text(text + "\n", "ascii")
     except OSError as error:
         raise UsageError(f"the first key cannot be written: {error}", field="keys") from error
     return told
-
-
-def _own(path: str, flags: int) -> int:
-    """Open a file for its owner only, whatever the mode of one that was there."""
-    handle = os.open(path, flags, 0o600)
-    os.chmod(path, 0o600)
-    return handle
 
 
 def check_exposed(host: str, keys: str, *, anybody: bool) -> None:

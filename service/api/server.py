@@ -58,7 +58,7 @@ def create_app(settings: Settings) -> FastAPI:
         finally:
             context.draining.set()
             context.watcher.wake_all()
-            await run_in_threadpool(context.close)
+            await run_in_threadpool(context.engine.dispose)
 
     app = FastAPI(
         title="avatarme", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None,

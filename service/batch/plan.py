@@ -300,8 +300,16 @@ GROUP = ".photos"
 
 
 def grouped(address: str, by: str | None) -> str:
-    """The address of a place whose photos are taken together by person; itself where ``by`` is None."""
-    return address if by is None else f"by-{by}:{address}"
+    """The address of a place whose photos are taken together by person; itself where ``by`` is None.
+
+    Raises:
+        UsageError: ``by`` is no way to tell.
+    """
+    if by is None:
+        return address
+    if by not in GROUPS:
+        raise UsageError(f"group-by is {by!r}; it has to be {' or '.join(GROUPS)}", field="group_by")
+    return f"by-{by}:{address if '://' in address else Path(address).absolute()}"
 
 
 def photos_at(address: str) -> Place:

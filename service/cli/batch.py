@@ -62,14 +62,14 @@ def batch(
     status: 0 every photo has an archive, 1 some have not, 2 usage, 130 interrupted (go on with --resume).
     """
     from service.batch import driver
-    from service.batch.plan import REPORT
+    from service.batch.plan import REPORT, grouped
 
     begin = time.perf_counter()
     given = parsed(BATCH, {name: flags.pop(name) for name in BATCH})
     options = {name: list(value) if isinstance(value, tuple) else value for name, value in asked(flags).items()}
     if head_file(head) is not None:
         options["head"] = str(Path(str(head)).absolute())
-    source, jobs = grouped_source(folder, given.pop("group_by", None)), given.pop("jobs", None)
+    source, jobs = grouped(folder, given.pop("group_by", None)), given.pop("jobs", None)
     wanted = driver.Wanted(
         source=source, out=out, options=options, jobs=jobs or default_jobs(given.get("server")), resume=resume,
         watch=watch, keep=keep, timeout_s=given.pop("timeout", driver.Wanted.timeout_s),
@@ -86,19 +86,6 @@ def batch(
         sys.stdout.flush()
         os._exit(INTERRUPTED)  # a thread that reads from a server must not keep the program alive
     _tell(tally, f"{out.rstrip('/')}/{REPORT}", time.perf_counter() - begin, as_json=as_json)
-
-
-def grouped_source(folder: str, by: str | None) -> str:
-    """The source whose photos are taken together by person.
-
-    Raises:
-        UsageError: ``by`` is no way to tell.
-    """
-    from service.batch.plan import GROUPS, grouped
-
-    if by is not None and by not in GROUPS:
-        raise UsageError(f"group-by is {by!r}; it has to be {' or '.join(GROUPS)}", field="group_by")
-    return grouped(folder if "://" in folder else str(Path(folder).absolute()), by) if by else folder
 
 
 def default_jobs(server: str | None) -> int:

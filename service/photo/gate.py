@@ -28,9 +28,17 @@ from typing import BinaryIO
 
 import numpy as np
 
-from service.errors import AnimatedImage, AvatarError, CorruptImage, EmptyFile, TooComplex, UnsupportedFormat
+from service.errors import (
+    AnimatedImage,
+    AvatarError,
+    CorruptImage,
+    EmptyFile,
+    TooComplex,
+    TooManyBytes,
+    UnsupportedFormat,
+)
 from service.photo.container import Container, open_container
-from service.photo.limits import Limits, check_bytes, check_size
+from service.photo.limits import Limits, check_size
 from service.photo.photo import Photo, lacks_colour
 from service.photo.wire import READY, REPLY_SIZE, Codec, Note, Output, Reply, Request, Status
 
@@ -85,7 +93,9 @@ def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 -
 def _decoded(data: bytes, limits: Limits, *, keep: bool) -> tuple[Container, Reply, bytearray]:
     if not data:
         raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
-    check_bytes(len(data), limits)
+    if len(data) > limits.max_bytes:
+        words = f"the file has {len(data)} bytes; at most {limits.max_bytes} are accepted"
+        raise TooManyBytes(words, bytes=len(data), limit=limits.max_bytes)
     container = open_container(data, limits)
     return container, *decode_container(container, limits, keep=keep)
 

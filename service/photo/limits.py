@@ -47,18 +47,6 @@ class Limits:
     wall_seconds: float = 60.0
 
 
-def check_bytes(count: int, limits: Limits) -> None:
-    """Refuse a file of ``count`` bytes that is over the limit.
-
-    Raises:
-        TooManyBytes: ``count`` is over ``limits.max_bytes``.
-    """
-    if count > limits.max_bytes:
-        raise TooManyBytes(
-            f"the file has {count} bytes; at most {limits.max_bytes} are accepted", bytes=count, limit=limits.max_bytes
-        )
-
-
 def check_size(width: int, height: int, limits: Limits) -> None:
     """Refuse an image by the size that its header states, before anything is decoded.
 
