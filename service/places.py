@@ -54,7 +54,7 @@ def translated(*, missing: bool = True) -> Iterator[None]:
         raise StoreFault(errno.EIO, f"the store of files fails: {type(error).__name__}: {error}") from error
 
 
-class Stream(io.BufferedIOBase):
+class _Stream(io.BufferedIOBase):
     """A file of a remote store, with its faults as :class:`StoreFault`."""
 
     def __init__(self, file: Any) -> None:
@@ -62,29 +62,23 @@ class Stream(io.BufferedIOBase):
         self._file = file
 
     def readable(self) -> bool:
-        """True."""
         return True
 
     def seekable(self) -> bool:
-        """True."""
         return True
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """So many bytes, or the rest."""
         with translated(missing=False):
             return bytes(self._file.read(-1 if size is None else size))
 
     def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        """Move to an offset; returns the place."""
         with translated(missing=False):
             return int(self._file.seek(offset, whence))
 
     def tell(self) -> int:
-        """The place in the file, bytes."""
         return int(self._file.tell())
 
     def close(self) -> None:
-        """Close the file of the store."""
         self._file.close()
         super().close()
 
@@ -220,7 +214,7 @@ class Place:
         if self.folder is not None:
             return Path(path).open("rb")
         with translated():
-            return cast(IO[bytes], Stream(self._fs.open(path, "rb", block_size=BLOCK)))
+            return cast(IO[bytes], _Stream(self._fs.open(path, "rb", block_size=BLOCK)))
 
     def read(self, name: str) -> bytes:
         """The whole content; as :meth:`open`."""

@@ -235,16 +235,11 @@ _HEADERS = {
 }
 """Headers that mean something in a request, with their greatest length."""
 
-_TAKES = {
-    ("/v1/avatars", "post"): ("Idempotency-Key",),
-    ("/v1/avatars/{job}/events", "get"): ("Last-Event-ID",),
-    ("/v1/avatars/{job}/archive.zip", "get"): ("Range", "If-Range"),
-    ("/v1/avatars/{job}/files/{path}", "get"): ("Range", "If-Range"),
-    ("/v1/avatars/{job}/photo", "get"): ("Range", "If-Range"),
-    ("/v1/renders", "post"): ("Prefer",),
-    ("/v1/renders/{render}/picture.png", "get"): ("Range", "If-Range"),
-    ("/v1/exports/{export}/kit.zip", "get"): ("Range", "If-Range"),
-}
+_TAKES = {"create_avatar": ["Idempotency-Key"], "follow_avatar": ["Last-Event-ID"], "render_avatar": ["Prefer"]}
+"""Headers of an operation by its name; all downloads take ranges."""
+
+_WANTED = {"render_avatar": "Render", "export_avatar": "Export"}
+"""Schemas of JSON bodies, likewise."""
 
 
 def described(app: FastAPI) -> Json:
@@ -262,8 +257,8 @@ def described(app: FastAPI) -> Json:
         schemas.pop(unused, None)
     components["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
     for path, operations in found["paths"].items():
-        for method, operation in operations.items():
-            _complete(path, method, operation)
+        for operation in operations.values():
+            _complete(path, operation)
     app.openapi_schema = found
     return found
 
@@ -305,23 +300,22 @@ def _render() -> Json:
     return {**definitions, "Render": {**schema, "required": ["avatar"], "additionalProperties": False}}
 
 
-def _complete(path: str, method: str, operation: Json) -> None:
+def _complete(path: str, operation: Json) -> None:
     answers = operation["responses"]
     answers.pop("422", None)
     answers["4XX"] = _PROBLEM
     answers["5XX"] = _PROBLEM
     if path.startswith(("/v1/avatars", "/v1/renders", "/v1/exports")):
         operation["security"] = [{"key": []}, {}]
-    for name in _TAKES.get((path, method), ()):
-        words, longest = _HEADERS[name]
+    name = operation["operationId"]
+    for header in ["Range", "If-Range"] if name.startswith("download_") else _TAKES.get(name, ()):
+        words, longest = _HEADERS[header]
         schema: Json = {"type": "string"} if longest is None else {"type": "string", "maxLength": longest}
-        header = {"name": name, "in": "header", "required": False, "description": words, "schema": schema}
-        operation.setdefault("parameters", []).append(header)
-    for place, wanted in (("/v1/renders", "Render"), ("/v1/exports", "Export")):
-        if (path, method) == (place, "post"):
-            reference = {"$ref": _REF.format(model=wanted)}
-            operation["requestBody"] = _body({"application/json": {"schema": reference}})
-    if (path, method) == ("/v1/avatars", "post"):
+        parameter = {"name": header, "in": "header", "required": False, "description": words, "schema": schema}
+        operation.setdefault("parameters", []).append(parameter)
+    if name in _WANTED:
+        operation["requestBody"] = _body({"application/json": {"schema": {"$ref": _REF.format(model=_WANTED[name])}}})
+    if name == "create_avatar":
         form = {
             "schema": {"$ref": "#/components/schemas/NewAvatar"},
             "encoding": {name: {"contentType": "application/json"} for name in ("options", "metadata")},

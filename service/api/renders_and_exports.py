@@ -32,7 +32,7 @@ from service.api.problem_responses import HttpProblem
 from service.errors import TooManyBytes, UsageError
 from service.jobs.admission import KeyInUse, NewJob, NoRoom
 from service.jobs.store import Row
-from service.jobs.view import EXPORT, FINAL, KINDS, RENDER, Kind, job_json
+from service.jobs.view import EXPORT, FINAL, RENDER, Kind, job_json
 from service.kits.export import TOOLS, known_tool
 from service.render.request import parse_request
 
@@ -93,14 +93,6 @@ def waiting(what: str, schema: type[BaseModel]) -> dict[str, Any]:
     """What the description of the API says of the answer 202."""
     content = {"application/json": {"schema": {"$ref": f"#/components/schemas/{schema.__name__}"}}}
     return {"description": f"The {what} is not ready yet: its job.", "content": content}
-
-
-def whole(context: Context, row: Row, media_type: str, headers: dict[str, str]) -> Response:
-    """The result of a job as an answer to the request that asked for it."""
-    with context.artifacts.open(row["archive"]) as stream:
-        content = stream.read()
-    place = f"/v1/{KINDS[row['kind']].place}/{row['id']}"
-    return Response(content, 200, {**headers, "Content-Location": place, "Cache-Control": "no-store"}, media_type)
 
 
 def _job(context: Context, tenant: Tenant, kind: Kind, source: Row, values: dict[str, Any]) -> Row:
@@ -236,7 +228,9 @@ async def render_avatar(request: Request, tenant: Asking, context: Here) -> Resp
     row = await made(request, context, tenant, RENDER, avatar, values, context.settings.render_wait_seconds)
     if isinstance(row, Response):
         return row
-    return await run_in_threadpool(whole, context, row, "image/png", _render_headers(row))
+    content = await run_in_threadpool(context.artifacts.read, row["archive"])
+    place = {"Content-Location": f"/v1/{RENDER.place}/{row['id']}", "Cache-Control": "no-store"}
+    return Response(content, 200, {**_render_headers(row), **place}, "image/png")
 
 
 def _kit_headers(row: Row) -> dict[str, str]:

@@ -38,14 +38,10 @@ class JsonFormatter(logging.Formatter):
         return json.dumps(entry, default=str)
 
 
-def calm(record: logging.LogRecord) -> logging.LogRecord:
-    """What the queue's library logs when an owner cancels a job is no error; a workflow ends by an exception there."""
+def is_cancellation(record: logging.LogRecord) -> bool:
+    """Whether the queue's library tells of a job that its owner cancelled, as of an error; our own line tells that."""
     kind = record.exc_info[0] if record.exc_info else None
-    if record.name == "dbos" and kind is not None and kind.__name__.endswith("WorkflowCancelledError"):
-        job = str(getattr(record, "operationUUID", "")).partition(".")[0]
-        facts = {"name": record.name, "levelno": logging.INFO, "levelname": "INFO", "msg": "a job was cancelled"}
-        return logging.makeLogRecord({**facts, "created": record.created, "msecs": record.msecs, "job": job})
-    return record
+    return record.name == "dbos" and kind is not None and kind.__name__.endswith("WorkflowCancelledError")
 
 
 class Background(logging.Handler):
@@ -63,10 +59,12 @@ class Background(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Hand a record to the thread."""
+        if is_cancellation(record):
+            return
         if self._waiting.qsize() >= MOST_WAITING:
             self._lost += 1
             return
-        self._waiting.put(calm(record))
+        self._waiting.put(record)
         if record.levelno >= logging.CRITICAL:
             self.flush()
 
