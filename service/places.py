@@ -16,7 +16,7 @@ import stat
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import IO, Any, cast
+from typing import IO, Any
 
 from service.errors import OutputFault, UsageError
 
@@ -54,7 +54,7 @@ def translated(*, missing: bool = True) -> Iterator[None]:
         raise StoreFault(errno.EIO, f"the store of files fails: {type(error).__name__}: {error}") from error
 
 
-class _Stream(io.BufferedIOBase):
+class _Stream(io.RawIOBase):
     """A file of a remote store, with its faults as :class:`StoreFault`."""
 
     def __init__(self, file: Any) -> None:
@@ -67,9 +67,9 @@ class _Stream(io.BufferedIOBase):
     def seekable(self) -> bool:
         return True
 
-    def read(self, size: int | None = -1, /) -> bytes:
+    def readinto(self, buffer: Any, /) -> int:
         with translated(missing=False):
-            return bytes(self._file.read(-1 if size is None else size))
+            return int(self._file.readinto(buffer))
 
     def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
         with translated(missing=False):
@@ -214,7 +214,7 @@ class Place:
         if self.folder is not None:
             return Path(path).open("rb")
         with translated():
-            return cast(IO[bytes], _Stream(self._fs.open(path, "rb", block_size=BLOCK)))
+            return io.BufferedReader(_Stream(self._fs.open(path, "rb", block_size=BLOCK)))
 
     def read(self, name: str) -> bytes:
         """The whole content; as :meth:`open`."""

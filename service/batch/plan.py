@@ -269,22 +269,13 @@ def _lines(where: Place, name: str) -> Iterator[tuple[Line, bytes]]:
     except FileNotFoundError:
         return
     with stream:
-        for text in _split(stream):
+        for text in stream:
             try:
                 line = json.loads(text)
             except (ValueError, RecursionError):
                 continue
             if isinstance(line, dict) and isinstance(line.get("path"), str):
-                yield line, text + b"\n"
-
-
-def _split(stream: IO[bytes]) -> Iterator[bytes]:
-    """Lines of a stream; of a remote one too, which may have no buffer to read lines from."""
-    rest = b""
-    while block := stream.read(1 << 20):
-        *whole, rest = (rest + block).split(b"\n")
-        yield from whole
-    yield rest
+                yield line, text.rstrip(b"\n") + b"\n"
 
 
 def _fold(archive: str) -> bytes:

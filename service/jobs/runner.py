@@ -19,7 +19,7 @@ import sqlalchemy as sa
 
 from service.errors import Crashed, ModelFault
 from service.jobs.artifacts import Artifacts, artifact_name, kept_folder
-from service.jobs.database import now, patient
+from service.jobs.database import JOBS, now, patient
 from service.jobs.process import Ending, Glance, JobProcess, Task
 from service.jobs.settings import Settings
 from service.jobs.store import Row, Store
@@ -244,9 +244,9 @@ class Runner:
             return from_error(ending.fault(limits))
         log.error("the process of a job ended", extra={"job": job, "kind": ending.kind, "status": ending.status})
         if ending.starved:
-            again = patient(lambda: self.store.starved(job)) < OUT_OF_MEMORY
+            again = patient(lambda: self.store.count(job, JOBS.c.starved)) < OUT_OF_MEMORY
             return None if again else from_error(ending.fault(limits))
-        crashes = patient(lambda: self.store.crashed(job))
+        crashes = patient(lambda: self.store.count(job, JOBS.c.crashes))
         return None if crashes < CRASHES else from_error(Crashed(f"the computation crashed {crashes} times"))
 
     def _once(self, row: Row, photo: Path, scratch: Path) -> Ending:

@@ -202,20 +202,12 @@ class Store:
             telemetry.log_stage(row, stage)
         return row is not None
 
-    def crashed(self, job: str) -> int:
-        """Count one more crash of the job's process; returns how many there were."""
-        return self._count(job, JOBS.c.crashes)
-
-    def starved(self, job: str) -> int:
-        """Count once more that the job's process ran out of memory; returns how often it did."""
-        return self._count(job, JOBS.c.starved)
-
     def attempt(self, job: str) -> int:
         """A worker begins to compute the job; returns how many did so before and were never heard of again.
 
         A worker that dies cannot say so: what is counted are beginnings that :meth:`answered` did not follow.
         """
-        return self._count(job, JOBS.c.losses) - 1
+        return self.count(job, JOBS.c.losses) - 1
 
     def answered(self, job: str) -> None:
         """The worker saw the job get ahead, or its process end: what was lost before counts no more."""
@@ -257,7 +249,8 @@ class Store:
         with self.engine.begin() as connection:
             connection.execute(sa.update(JOBS).where(JOBS.c.id == job).values(**values))
 
-    def _count(self, job: str, column: sa.Column[int]) -> int:
+    def count(self, job: str, column: sa.Column[int]) -> int:
+        """Count once more what befell the job; returns how often it did."""
         query = sa.update(JOBS).where(JOBS.c.id == job).values({column: column + 1}).returning(column)
         with self.engine.begin() as connection:
             return int(connection.execute(query).scalar_one())
