@@ -192,7 +192,8 @@ async def download_archive(job: str, request: Request, tenant: Asking, context: 
         words = disposition["Content-Disposition"]
         place = await run_in_threadpool(context.artifacts.signed, row["archive"], SIGNED_S, words, is_head(request))
         if place is not None:
-            headers = {"Location": place, "Cache-Control": "no-store", "Repr-Digest": _repr_digest(digest)}
+            coded = base64.b64encode(bytes.fromhex(digest)).decode()  # as RFC 9530 has it
+            headers = {"Location": place, "Cache-Control": "no-store", "Repr-Digest": f"sha-256=:{coded}:"}
             return Response(status_code=307, headers=headers)
     return answer_with(request, context, whole, disposition)
 
@@ -262,8 +263,3 @@ def finished(context: Context, job: str, tenant: Tenant, kind: str = "avatar") -
     if not context.artifacts.exists(row["archive"]):
         raise HttpProblem("gone", 410, reason="lost")
     return row
-
-
-def _repr_digest(sha256: str) -> str:
-    """The hash of a file as a header of RFC 9530."""
-    return f"sha-256=:{base64.b64encode(bytes.fromhex(sha256)).decode()}:"

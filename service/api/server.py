@@ -119,9 +119,9 @@ def protocol_class(header_seconds: float, connections: int, stalled_seconds: flo
 
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
             super().connection_made(transport)
-            address = self.client[0] if self.client else ""
-            same = sum(1 for other in self.connections if _address(other) == address)
-            if connections and same > connections:
+            peers = [getattr(other, "client", None) or ("",) for other in self.connections]
+            own = self.client[0] if self.client else ""
+            if connections and sum(peer[0] == own for peer in peers) > connections:
                 transport.abort()
                 return
             self._wait()
@@ -179,11 +179,6 @@ def protocol_class(header_seconds: float, connections: int, stalled_seconds: flo
             self.transport.close()
 
     return GuardedProtocol
-
-
-def _address(connection: Any) -> str:
-    client = getattr(connection, "client", None)
-    return client[0] if client else ""
 
 
 log = logging.getLogger(__name__)

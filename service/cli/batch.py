@@ -70,8 +70,10 @@ def batch(
     if head_file(head) is not None:
         options["head"] = str(Path(str(head)).absolute())
     source, jobs = grouped(folder, given.pop("group_by", None)), given.pop("jobs", None)
+    # Here the stages of a photo use about two processors; a server takes its time anyway.
+    at_once = max(1, processors() // 2) if given.get("server") is None else 4
     wanted = driver.Wanted(
-        source=source, out=out, options=options, jobs=jobs or default_jobs(given.get("server")), resume=resume,
+        source=source, out=out, options=options, jobs=jobs or at_once, resume=resume,
         watch=watch, keep=keep, timeout_s=given.pop("timeout", driver.Wanted.timeout_s),
         api_key=os.environ.get(KEY), **given,
     )  # fmt: skip
@@ -86,13 +88,6 @@ def batch(
         sys.stdout.flush()
         os._exit(INTERRUPTED)  # a thread that reads from a server must not keep the program alive
     _tell(tally, f"{out.rstrip('/')}/{REPORT}", time.perf_counter() - begin, as_json=as_json)
-
-
-def default_jobs(server: str | None) -> int:
-    """Photos at the same time: here the stages use about two processors each."""
-    if server is not None:
-        return 4  # a server takes its time anyway
-    return max(1, processors() // 2)
 
 
 def _check(wanted: Wanted, jobs: int | None, head: str | None) -> None:
