@@ -19,12 +19,22 @@ from html import escape
 
 from service.archive.images import NORMAL_SCALE, NORMAL_ZERO
 from service.archive.maps import MapFiles
-from service.archive.usd_text import Asset, Shader, Value, Wire
+from service.archive.usd_text import Prim
 from service.materials.material import Map, Material
 from service.reflectance.reflectance_maps import MID, SCALE_MM
 
+
+@dataclass(frozen=True)
+class Wire:
+    """A connection to an output of another node."""
+
+    shader: str
+    output: str
+
+
+Value = float | int | str | tuple[float, ...] | Wire
 Inputs = Mapping[str, tuple[str, Value]]
-"""By name: type of MaterialX, and value."""
+"""By name: type, and value."""
 
 _USD_TYPES = {
     "color3": "color3f", "vector3": "float3", "vector2": "float2", "filename": "asset", "surfaceshader": "token",
@@ -35,30 +45,36 @@ _USD_TYPES = {
 
 @dataclass(frozen=True)
 class Node:
-    """A node of MaterialX, of a definition like ``ND_image_color3``; ``kind`` is the type of its output ``out``.
+    """A node of a shading network, of USD alone or of MaterialX.
 
     Attributes:
+        name: of the prim.
+        definition: its ``info:id``: "UsdUVTexture" or, of MaterialX, "ND_image_color3" and the like.
         inputs: name -> (type, value); values that come from other nodes are wires.
-        space: colour space of its file.
+        outputs: type of each, by name; MaterialX has one, ``out``.
+        category: of MaterialX: "image" and the like.
+        space: colour space of its file, in MaterialX.
     """
 
     name: str
-    category: str
-    kind: str
     definition: str
     inputs: Inputs
+    outputs: Mapping[str, str]
+    category: str = ""
     space: str | None = None
 
-    def shader(self) -> Shader:
-        """The node as a shader prim of USD."""
-        values: dict[str, Value] = {}
+    def text(self, parent: str, indent: str) -> str:
+        """The prim of USD under a parent path."""
+        values: dict[str, str | None] = {"uniform token info:id": f'"{self.definition}"'}
         for name, (kind, value) in self.inputs.items():
-            values[f"{_USD_TYPES.get(kind, kind)} {name}"] = Asset(str(value)) if kind == "filename" else value
-        return Shader(self.name, self.definition, values, (f"{_USD_TYPES.get(self.kind, self.kind)} out",))
+            wire = ".connect" if isinstance(value, Wire) else ""
+            values[f"{_USD_TYPES.get(kind, kind)} inputs:{name}{wire}"] = _assigned(kind, value, parent)
+        values |= {f"{_USD_TYPES.get(kind, kind)} outputs:{name}": None for name, kind in self.outputs.items()}
+        return Prim("Shader", self.name, values).text(indent)
 
     def xml(self, prefix: str) -> list[str]:
         """Lines of a MaterialX document in which names of the material's nodes have a prefix."""
-        lines = [f'  <{self.category} name="{prefix}{self.name}" type="{self.kind}">']
+        lines = [f'  <{self.category} name="{prefix}{self.name}" type="{self.outputs["out"]}">']
         for name, (kind, value) in self.inputs.items():
             if isinstance(value, Wire):
                 lines.append(f'    <input name="{name}" type="{kind}" nodename="{prefix}{value.shader}"/>')
@@ -76,7 +92,7 @@ def mtlx_network(material: Material, files: MapFiles) -> list[Node]:
 
     def node(name: str, category: str, kind: str, inputs: Inputs, of: str = "") -> Wire:
         space = "srgb_texture" if category == "image" and kind in ("color3", "color4") else None
-        made.append(Node(name, category, kind, f"ND_{category}_{of or kind}", inputs, space))
+        made.append(Node(name, f"ND_{category}_{of or kind}", inputs, {"out": kind}, category, space))
         return Wire(name, "out")
 
     def image(name: str, one: Map | None, kind: str) -> Wire | None:
@@ -166,75 +182,76 @@ def material_text(material: Material, files: MapFiles) -> str:
     relief = [name for name in RELIEF if files.path(getattr(material, f"{name}_map"))]
     alone = relief if len(relief) == 1 else []
     nodes = [_surface(material, files, alone), *_textures(material, files)]
-    nodes += [node.shader() for node in mtlx_network(material, files)]
+    nodes += mtlx_network(material, files)
     displaced = f"token outputs:displacement.connect = <{path}/Surface.outputs:displacement>\n"
     return "".join([
         f'        def Material "{material.name}"{_VARIANT_SET if len(relief) == 2 else ""}\n        {{\n',
         f"            token outputs:surface.connect = <{path}/Surface.outputs:surface>\n",
         *([f"            {displaced}"] if "displacement" in alone else []),
         f"            token outputs:mtlx:surface.connect = <{path}/Standard.outputs:out>\n",
-        *(shader.text(path, "            ") for shader in nodes),
+        *(node.text(path, "            ") for node in nodes),
         _variants(path, displaced) if len(relief) == 2 else "",
         "        }\n",
     ])  # fmt: skip
 
 
-def _surface(material: Material, files: MapFiles, relief: Sequence[str]) -> Shader:
+def _surface(material: Material, files: MapFiles, relief: Sequence[str]) -> Node:
     """The UsdPreviewSurface of a material, with the inputs of ``RELIEF`` that are named."""
 
     def or_map(slot: str, source: str, output: str, value: Value) -> Value:
         return Wire(source, output) if files.path(getattr(material, f"{slot}_map")) else value
 
-    inputs: dict[str, Value] = {
-        "color3f diffuseColor": or_map("colour", "Colour", "rgb", material.colour),
-        "float roughness": or_map("roughness", "Roughness", "r", material.roughness),
-        "float metallic": 0.0,
-        "int useSpecularWorkflow": 0,
-        "float ior": ior_of(material.f0),
+    inputs: dict[str, tuple[str, Value]] = {
+        "diffuseColor": ("color3f", or_map("colour", "Colour", "rgb", material.colour)),
+        "roughness": ("float", or_map("roughness", "Roughness", "r", material.roughness)),
+        "metallic": ("float", 0.0),
+        "useSpecularWorkflow": ("int", 0),
+        "ior": ("float", ior_of(material.f0)),
     }
     if files.path(material.specular_map) and material.specular > 0:
-        inputs["color3f specularColor"] = Wire("Specular", "rgb")
+        inputs["specularColor"] = ("color3f", Wire("Specular", "rgb"))
     opaque = material.alpha == "opaque"
-    inputs["float opacity"] = material.opacity if opaque else or_map("colour", "Alpha", "a", material.opacity)
+    opacity = material.opacity if opaque else or_map("colour", "Alpha", "a", material.opacity)
+    inputs["opacity"] = ("float", opacity)
     if material.alpha == "blend":
-        inputs["token opacityMode"] = "presence"  # alpha is coverage, as in glTF
+        inputs["opacityMode"] = ("token", "presence")  # alpha is coverage, as in glTF
     if material.alpha == "mask":
-        inputs["float opacityThreshold"] = material.cutoff
+        inputs["opacityThreshold"] = ("float", material.cutoff)
     if files.path(material.cavity_map):
-        inputs["float occlusion"] = Wire("Cavity", "r")
-    inputs |= {f"{RELIEF[name][0]} {name}": RELIEF[name][1] for name in relief}
-    return Shader("Surface", "UsdPreviewSurface", inputs, ("token surface", "token displacement"))
+        inputs["occlusion"] = ("float", Wire("Cavity", "r"))
+    inputs |= {name: RELIEF[name] for name in relief}
+    return Node("Surface", "UsdPreviewSurface", inputs, {"surface": "token", "displacement": "token"})
 
 
-def _textures(material: Material, files: MapFiles) -> list[Shader]:
+def _textures(material: Material, files: MapFiles) -> list[Node]:
     """What the surface's wires lead to, and first the texture coordinates."""
     whole, alpha = (1.0, 0.0), None if material.alpha == "opaque" else material.colour_map
-    slots: list[tuple[str, Map | None, str, str, tuple[float, float]]] = [
-        ("Colour", material.colour_map, "sRGB", "float3 rgb", whole),
+    slots: list[tuple[str, Map | None, str, str, str, tuple[float, float]]] = [
+        ("Colour", material.colour_map, "sRGB", "float3", "rgb", whole),
         # Of its own, as Blender takes the colour for alpha where one texture with a scale has both outputs.
-        ("Alpha", alpha, "sRGB", "float a", whole),
-        ("Roughness", material.roughness_map, "raw", "float r", whole),
-        ("Specular", material.specular_map, "raw", "float3 rgb", (1 / max(material.specular, 1e-3), 0.0)),
-        ("Normals", material.normal_map, "raw", "float3 rgb", NORMAL_FACTORS),
-        ("Heights", material.displacement_map, "raw", "float r", HEIGHT_FACTORS),
-        ("Cavity", material.cavity_map, "raw", "float r", whole),
+        ("Alpha", alpha, "sRGB", "float", "a", whole),
+        ("Roughness", material.roughness_map, "raw", "float", "r", whole),
+        ("Specular", material.specular_map, "raw", "float3", "rgb", (1 / max(material.specular, 1e-3), 0.0)),
+        ("Normals", material.normal_map, "raw", "float3", "rgb", NORMAL_FACTORS),
+        ("Heights", material.displacement_map, "raw", "float", "r", HEIGHT_FACTORS),
+        ("Cavity", material.cavity_map, "raw", "float", "r", whole),
     ]
     made = []
-    for name, one, space, output, (factor, bias) in slots:
+    for name, one, space, kind, output, (factor, bias) in slots:
         path = files.path(one)
         if path is None:
             continue
-        inputs: dict[str, Value] = {
-            "asset file": Asset(path), "token sourceColorSpace": space, "token wrapS": "clamp", "token wrapT": "clamp",
-            "float2 st": Wire("Chart", "result"),
+        inputs: dict[str, tuple[str, Value]] = {
+            "file": ("asset", path), "sourceColorSpace": ("token", space),
+            "wrapS": ("token", "clamp"), "wrapT": ("token", "clamp"), "st": ("float2", Wire("Chart", "result")),
         }  # fmt: skip
         scale = (*material.colour, 1.0) if name == "Colour" else (factor, factor, factor, 1.0)
         if scale != (1.0, 1.0, 1.0, 1.0):
-            inputs["float4 scale"] = scale
+            inputs["scale"] = ("float4", scale)
         if bias:
-            inputs["float4 bias"] = (bias, bias, bias, 0.0)
-        made.append(Shader(name, "UsdUVTexture", inputs, (output,)))
-    chart = Shader("Chart", "UsdPrimvarReader_float2", {"string varname": "st"}, ("float2 result",))
+            inputs["bias"] = ("float4", (bias, bias, bias, 0.0))
+        made.append(Node(name, "UsdUVTexture", inputs, {output: kind}))
+    chart = Node("Chart", "UsdPrimvarReader_float2", {"varname": ("string", "st")}, {"result": "float2"})
     return [chart, *made] if made else []
 
 
@@ -250,6 +267,17 @@ def _variants(path: str, displaced: str) -> str:
             f"{pad}    }}\n{pad}}}\n"
         )
     return f"{text}            }}\n"
+
+
+def _assigned(kind: str, value: Value, parent: str) -> str:
+    """A value of a type as USD text; wires lead to prims under a parent path."""
+    if isinstance(value, Wire):
+        return f"<{parent}/{value.shader}.outputs:{value.output}>"
+    if isinstance(value, tuple):
+        return "(" + ", ".join(f"{one:.7g}" for one in value) + ")"
+    if isinstance(value, str):
+        return f"@{value}@" if kind in ("asset", "filename") else f'"{value}"'
+    return f"{value:.7g}"
 
 
 def ior_of(f0: float) -> float:

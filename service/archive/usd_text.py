@@ -1,4 +1,4 @@
-"""Prims, shading networks and arrays as USD text; prims are read back from it too."""
+"""Prims and arrays as USD text; prims are read back from it too."""
 
 from __future__ import annotations
 
@@ -10,53 +10,6 @@ import orjson
 
 from service.arrays import AnyFloat, AnyInt
 from service.errors import NumericFault
-
-
-@dataclass(frozen=True)
-class Wire:
-    """A connection to an output of another shader."""
-
-    shader: str
-    output: str
-
-
-@dataclass(frozen=True)
-class Asset:
-    """A path of a file."""
-
-    path: str
-
-
-Value = float | int | str | tuple[float, ...] | Wire | Asset
-
-
-@dataclass(frozen=True)
-class Shader:
-    """One node of a shading network.
-
-    Attributes:
-        name: of the prim.
-        kind: its ``info:id``.
-        inputs: "type name" -> value, for example "float roughness" -> 0.5.
-        outputs: "type name" of each.
-    """
-
-    name: str
-    kind: str
-    inputs: Mapping[str, Value] = field(default_factory=dict)
-    outputs: Sequence[str] = ()
-
-    def text(self, parent: str, indent: str) -> str:
-        """The prim under a parent path."""
-        values: dict[str, str | None] = {"uniform token info:id": f'"{self.kind}"'}
-        for name, value in self.inputs.items():
-            kind, _, called = name.partition(" ")
-            wire = ".connect" if isinstance(value, Wire) else ""
-            values[f"{kind} inputs:{called}{wire}"] = _assigned(value, parent)
-        for name in self.outputs:
-            kind, _, called = name.partition(" ")
-            values[f"{kind} outputs:{called}"] = None
-        return Prim("Shader", self.name, values).text(indent)
 
 
 @dataclass(frozen=True)
@@ -115,16 +68,6 @@ def read_prims(text: str) -> list[Prim]:
 def tokens(names: Sequence[str]) -> str:
     """Names as "a", "b" in quotes."""
     return ", ".join(f'"{name}"' for name in names)
-
-
-def _assigned(value: Value, parent: str) -> str:
-    if isinstance(value, Wire):
-        return f"<{parent}/{value.shader}.outputs:{value.output}>"
-    if isinstance(value, Asset):
-        return f"@{value.path}@"
-    if isinstance(value, tuple):
-        return "(" + ", ".join(f"{one:.7g}" for one in value) + ")"
-    return f'"{value}"' if isinstance(value, str) else f"{value:.7g}"
 
 
 def fixed_tuples(rows: AnyFloat | Sequence[AnyFloat], decimals: int) -> str:
