@@ -144,11 +144,12 @@ def admit(context: Context, tenant: Tenant, key: str | None) -> None:
     """Refuse at the door what could not be done.
 
     Raises:
-        HttpProblem: the server is shutting down or full, or the tenant's quota is used up.
+        HttpProblem: the server is shutting down, or it or its disk is full, or the tenant's quota is used up.
     """
     if context.draining.is_set():
         raise HttpProblem("draining", 503, headers={"Retry-After": "10"})
-    context.check_space()
+    if context.free_mb() < context.settings.reserve_mb:
+        raise HttpProblem("no-space", 507, headers={"Retry-After": "120"})
     if key is not None and context.store.by_key(tenant.name, key) is not None:
         return  # it was let in before
     try:

@@ -174,18 +174,8 @@ class Context:
         return known
 
     def free_mb(self) -> float:
-        """Free space where uploads and results go."""
-        folder = self.artifacts.folder or self.settings.data
-        return min(shutil.disk_usage(path).free for path in (folder, self.settings.incoming)) / 2**20
-
-    def check_space(self) -> None:
-        """Refuse uploads that would use up the reserve.
-
-        Raises:
-            HttpProblem: there is too little space.
-        """
-        if self.free_mb() < self.settings.reserve_mb:
-            raise HttpProblem("no-space", 507, headers={"Retry-After": "120"})
+        """Free space in MiB where uploads and results go."""
+        return self.artifacts.free_mb(self.settings.incoming)
 
 
 async def context_of(connection: HTTPConnection) -> Context:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import inspect
 import re
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import FastAPI
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, create_model
 
 from service.api.problem_responses import MEDIA_TYPE
 from service.jobs.admission import PRIORITIES
+from service.jobs.view import EXPORT, RENDER, Kind
 from service.kits.export import TOOLS
 from service.photo.bundle import MOST
 
@@ -44,19 +45,24 @@ class Links(BaseModel):
     photo: str | None = Field(description="Where the photo was to be kept.")
 
 
-class Job(BaseModel):
-    """State of one avatar. Times are RFC 3339 in UTC."""
+class AnyJob(BaseModel):
+    """What every job has. Times are RFC 3339 in UTC."""
 
     id: str
     state: State
-    stage: str | None = Field(description="What is being done now.")
-    progress: float = Field(ge=0, le=1)
     created_at: str
     started_at: str | None
     finished_at: str | None
     expires_at: str | None = Field(description="When the result is erased.")
-    links: Links
     error: Problem | None
+
+
+class Job(AnyJob):
+    """State of one avatar. Times are RFC 3339 in UTC."""
+
+    stage: str | None = Field(description="What is being done now.")
+    progress: float = Field(ge=0, le=1)
+    links: Links
     warnings: list[str]
     options: dict[str, Any]
     priority: str
@@ -70,45 +76,18 @@ class JobPage(BaseModel):
     next: str | None
 
 
-class DerivedJob(BaseModel):
-    """State of what is made of an avatar. Times are RFC 3339 in UTC."""
-
-    id: str
-    state: State
-    created_at: str
-    started_at: str | None
-    finished_at: str | None
-    expires_at: str | None
-    error: Problem | None
-    request: dict[str, Any] = Field(description="What was asked for.")
+def _derived(kind: Kind) -> type[AnyJob]:
+    """The state of a job of a derived kind, called after it: ``RenderJob`` with its ``RenderLinks``."""
+    name, what = kind.name.capitalize(), kind.artifact
+    addresses: dict[str, Any] = {"self": (str, ...), "avatar": (str, ...), what: (str | None, ...)}
+    words = f"Addresses on this server; that of the {what} is null until there is one."
+    links = create_model(f"{name}Links", __doc__=words, **addresses)
+    request = Annotated[dict[str, Any], Field(description="What was asked for.")]
+    words = f"State of one {what}. Times are RFC 3339 in UTC."
+    return create_model(f"{name}Job", __base__=AnyJob, __doc__=words, request=(request, ...), links=(links, ...))
 
 
-class RenderLinks(BaseModel):
-    """Addresses on this server; that of the picture is null until there is one."""
-
-    self: str
-    avatar: str
-    picture: str | None
-
-
-class RenderJob(DerivedJob):
-    """State of one picture. Times are RFC 3339 in UTC."""
-
-    links: RenderLinks
-
-
-class ExportLinks(BaseModel):
-    """Addresses on this server; that of the kit is null until there is one."""
-
-    self: str
-    avatar: str
-    kit: str | None
-
-
-class ExportJob(DerivedJob):
-    """State of one kit. Times are RFC 3339 in UTC."""
-
-    links: ExportLinks
+RenderJob, ExportJob = _derived(RENDER), _derived(EXPORT)
 
 
 class File(BaseModel):

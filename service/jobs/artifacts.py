@@ -9,6 +9,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import re
+import shutil
+from pathlib import Path
 
 from service.places import Place, translated
 
@@ -23,6 +25,10 @@ class Artifacts(Place):
         super().__init__(url)
         if self.folder is not None:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    def free_mb(self, beside: Path) -> float:
+        """Free space in MiB where the files are, as far as that is a disk, and in a folder beside them."""
+        return min(shutil.disk_usage(path).free for path in (self.folder or beside, beside)) / 2**20
 
     def signed(self, name: str, seconds: int, disposition: str, head: bool = False) -> str | None:
         """An address at the store that gives out a file for so long; None where the store cannot sign.

@@ -204,8 +204,7 @@ class Runner:
 
     def free_mb(self) -> float:
         """Free space in MiB where stages and archives are written."""
-        folder = self.artifacts.folder or self.settings.data
-        return min(shutil.disk_usage(path).free for path in (folder, self.scratch)) / 2**20
+        return self.artifacts.free_mb(self.scratch)
 
     def outcome(self, row: Row, scratch: Path) -> dict[str, Any]:
         """Try until there is one: ``kind`` "done", "problem" or "ended", as :meth:`Runner.make` says."""
