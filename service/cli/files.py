@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import typer
 
 from service.archive.container import replace_file
 from service.errors import OutputFault, UsageError
@@ -68,6 +71,14 @@ def write_bytes(target: str, data: bytes) -> None:
         sys.stdout.buffer.flush()
     except BrokenPipeError as error:
         raise OutputFault("the reader of the output closed it before it was complete") from error
+
+
+def tell_result(path: str, facts: Mapping[str, Any], *, as_json: bool) -> None:
+    """Say where the output lies, unless it went to standard output; or facts of the run, as one JSON object."""
+    if as_json:
+        typer.echo(json.dumps(facts, allow_nan=False))
+    elif path != PIPE:
+        typer.echo(os.fsencode(path))  # bytes, as a file name need not be valid text
 
 
 if TYPE_CHECKING:

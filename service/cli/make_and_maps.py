@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import hashlib
-import json
 import os
 import sys
 import time
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from service.ahead import FaceNetworks
-from service.cli.files import check_paths, head_file, progress_bar
+from service.cli.files import check_paths, head_file, progress_bar, tell_result
 from service.cli.flags import AVATAR, MAPS, Head, Json, asked, with_flags
 from service.errors import AvatarError, UnsupportedFormat, UsageError
 from service.options import Options
@@ -109,10 +108,7 @@ def told(avatar: Avatar, target: str, facts: Callable[[], dict[str, Any]], *, as
     """Say what to look at, and the path of the archive, or facts of the run as one JSON object."""
     for code in avatar.all_warnings():
         typer.echo(f"avatarme: warning: {code}", err=True)
-    if as_json:
-        typer.echo(json.dumps(facts(), allow_nan=False))
-    elif target != PIPE:
-        typer.echo(os.fsencode(target))  # bytes, as a file name need not be valid text
+    tell_result(target, facts() if as_json else {}, as_json=as_json)
 
 
 def run_facts(avatar: Avatar, target: str, seconds: float) -> dict[str, Any]:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import io
-import json
-import os
 import time
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.files import check_paths, progress_bar, write_bytes
+from service.cli.files import check_paths, progress_bar, tell_result, write_bytes
 from service.cli.flags import Flag, Json, parsed, with_flags
 from service.errors import UsageError
 from service.options import parse_size
@@ -70,12 +68,8 @@ def render(
     typer.echo(report(picture.plan), err=True)
     for code in picture.fallbacks:
         typer.echo(f"avatarme: fallback: {code}", err=True)
-    if as_json:
-        seconds = round(time.perf_counter() - begin, 3)
-        facts = {"image": output, "bytes": len(png), **picture.facts(), "seconds": seconds}
-        typer.echo(json.dumps(facts, allow_nan=False))
-    elif output != PIPE:
-        typer.echo(os.fsencode(output))
+    facts = {"image": output, "bytes": len(png), **picture.facts(), "seconds": round(time.perf_counter() - begin, 3)}
+    tell_result(output, facts, as_json=as_json)
 
 
 def _film(archive: str, output: str, request: RenderRequest, count: int, begin: float, *, as_json: bool) -> None:
@@ -86,11 +80,8 @@ def _film(archive: str, output: str, request: RenderRequest, count: int, begin: 
         raise UsageError("a turntable is made from a file to a file, not through pipes", field="turntable")
     with progress_bar() as progress:
         size = turntable(Path(archive), Path(output), request, count, progress)
-    if as_json:
-        facts = {"film": output, "pictures": count, "bytes": size, "seconds": round(time.perf_counter() - begin, 3)}
-        typer.echo(json.dumps(facts, allow_nan=False))
-    else:
-        typer.echo(os.fsencode(output))
+    facts = {"film": output, "pictures": count, "bytes": size, "seconds": round(time.perf_counter() - begin, 3)}
+    tell_result(output, facts, as_json=as_json)
 
 
 def export(
@@ -114,7 +105,5 @@ def export(
     kit = export_kit(source, tool, folder)
     if tool == "blender" and kit.scene is None:
         typer.echo("avatarme: Blender is not installed here; run avatar_scene.py in Blender, docs/blender.md", err=True)
-    if as_json:
-        typer.echo(json.dumps({**kit.facts(), "seconds": round(time.perf_counter() - begin, 3)}, allow_nan=False))
-    else:
-        typer.echo(os.fsencode(str(kit.folder)))
+    facts = {**kit.facts(), "seconds": round(time.perf_counter() - begin, 3)}
+    tell_result(str(kit.folder), facts, as_json=as_json)
