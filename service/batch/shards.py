@@ -17,7 +17,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
@@ -145,27 +145,25 @@ class Asked:
         return cls(photos_at(content["source"]), content["options"], out.modified(ASKED) or 0.0)
 
 
+@dataclass(eq=False)
 class Shards:
     """Makes shards on this machine.
 
-    Args:
+    Attributes:
         rounds: where they are counted.
         maker: makes archives.
         scratch: folder for files on their way; on the file system of the archives, where that is a disk.
         stopping: set when this process is to end.
         gave_up: told why no photo can be made here, whichever it is.
+        running: round and number of those that are being made.
     """
 
-    def __init__(
-        self, rounds: Rounds, maker: Maker, scratch: Path, stopping: threading.Event,
-        gave_up: Callable[[AvatarError], None],
-    ) -> None:  # fmt: skip
-        self._rounds = rounds
-        self._maker = maker
-        self._scratch = scratch
-        self._stopping = stopping
-        self._gave_up = gave_up
-        self.running: set[tuple[str, int]] = set()
+    rounds: Rounds
+    maker: Maker
+    scratch: Path
+    stopping: threading.Event
+    gave_up: Callable[[AvatarError], None]
+    running: set[tuple[str, int]] = field(default_factory=set, init=False)
 
     def workflows(self, most: int, look_s: float) -> Workflows:
         """What DBOS is to know: the workflow, and the limits of its queue.
@@ -182,7 +180,7 @@ class Shards:
             @DBOS.step(name="photos")
             def photos(out: str, name: str, number: int) -> str:
                 ending = self.run(out, name, number)
-                while self._stopping.is_set():  # for the end of this process: it goes on elsewhere, or after the start
+                while self.stopping.is_set():  # for the end of this process: it goes on elsewhere, or after the start
                     time.sleep(1.0)
                 return ending
 
@@ -207,16 +205,16 @@ class Shards:
         except Stopped:
             pass
         except Hopeless as end:
-            self._gave_up(end.error)
+            self.gave_up(end.error)
         finally:
             self.running.discard((name, number))
         return ending
 
     def _run(self, target: Place, name: str, number: int) -> str:
-        called_off = Glance(lambda: not lasting(lambda: self._rounds.goes_on(name)), LOOK_S)
+        called_off = Glance(lambda: not lasting(lambda: self.rounds.goes_on(name)), LOOK_S)
 
         def stop() -> bool:
-            return self._stopping.is_set() or called_off()
+            return self.stopping.is_set() or called_off()
 
         if not lasting(lambda: target.exists(ASKED)):
             return "called off"  # somebody has cleared the place
@@ -227,16 +225,16 @@ class Shards:
             if stop():
                 break
             if photo["path"] not in lines:
-                losses = lasting(partial(self._rounds.begin, name, number, at))
+                losses = lasting(partial(self.rounds.begin, name, number, at))
                 line = self._line(target, asked, photo, losses, stop)
                 # Read anew: another worker may have taken this one for dead and gone on.
                 lines = lasting(lambda: _report(target, name, number)) | {photo["path"]: line}
                 text = b"".join(text_of(lines[path]) for path in sorted(lines, key=os.fsencode))
                 lasting(partial(target.write, report_name(name, number), text))
-                lasting(partial(self._rounds.told, name, number, lines))
+                lasting(partial(self.rounds.told, name, number, lines))
         ended = len(lines) == len(photos)
-        lasting(lambda: self._rounds.told(name, number, lines, ended=ended))
-        return "made" if ended else "stopped" if self._stopping.is_set() else "called off"
+        lasting(lambda: self.rounds.told(name, number, lines, ended=ended))
+        return "made" if ended else "stopped" if self.stopping.is_set() else "called off"
 
     def _line(self, target: Place, asked: Asked, photo: Line, losses: int, stop: Callable[[], bool]) -> Line:
         """Make one photo; returns what became of it.
@@ -245,7 +243,7 @@ class Shards:
             Stopped, Hopeless: as ``Maker.make``.
         """
         begin = time.perf_counter()
-        scratch = self._scratch / secrets.token_hex(8)
+        scratch = self.scratch / secrets.token_hex(8)
         scratch.mkdir(parents=True)
         line: Line = {
             "path": photo["path"], "sha256": "", "options": asked.options, "outcome": "failed", "error": None,
@@ -264,7 +262,7 @@ class Shards:
                 order = Order(
                     local, photo["path"], line["sha256"], asked.options, photo["attempt"], scratch / "archive.zip"
                 )
-                line["warnings"] = self._maker.make(order, stop)
+                line["warnings"] = self.maker.make(order, stop)
                 line["archive_sha256"] = file_sha256(order.target)
                 lasting(lambda: target.put(order.target, photo["archive"]))
             line |= {"outcome": "succeeded", "archive": photo["archive"]}

@@ -20,7 +20,7 @@ import os
 import secrets
 import weakref
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import KW_ONLY, dataclass, field, fields, is_dataclass
 from inspect import isfunction
 from pathlib import Path
 from types import ModuleType
@@ -240,6 +240,7 @@ Given = TypeVarTuple("Given")
 log = logging.getLogger(__name__)
 
 
+@dataclass
 class KeptStages:
     """``service.stage_cache.StageCache`` for one job, or for all that correct one head.
 
@@ -247,7 +248,7 @@ class KeptStages:
     options that no correction changes, the name of the stage, and what it is given. It begins with the hash of its
     content, so a torn or changed file is computed again; that is why it need not be flushed to the disk.
 
-    Args:
+    Attributes:
         artifacts: where to.
         job: folder, of one job or of :func:`service.jobs.artifacts.kept_folder`.
         basis: whatever the results depend on, as text.
@@ -256,34 +257,25 @@ class KeptStages:
         finished: told the name of each stage that was computed and kept.
         mapped: results stay on the disk and are mapped into memory, which is then not used for what earlier stages
             made; they are the same to the last bit and cannot be changed.
+        digest: of what stages are given.
     """
 
-    def __init__(
-        self,
-        artifacts: Artifacts,
-        job: str,
-        basis: str,
-        kinds: Mapping[str, type],
-        scratch: Path,
-        finished: Callable[[str], None] = lambda name: None,
-        *,
-        mapped: bool = False,
-    ) -> None:
-        self._artifacts = artifacts
-        self._job = job
-        self._basis = basis
-        self._kinds = kinds
-        self._scratch = scratch
-        self._finished = finished
-        self._mapped = mapped
-        self._digest = Digests()
+    artifacts: Artifacts
+    job: str
+    basis: str
+    kinds: Mapping[str, type]
+    scratch: Path
+    finished: Callable[[str], None] = lambda name: None
+    _: KW_ONLY
+    mapped: bool = False
+    digest: Digests = field(default_factory=Digests, init=False)
 
     def get_or_compute(self, name: str, make: Callable[[*Given], T], *given: *Given) -> T:
         """As :meth:`service.stage_cache.StageCache.get_or_compute`; a stage that cannot be read is computed, one that
         cannot be written is not kept; both are logged.
         """
-        key = hashlib.sha256(f"{self._basis}\n{name}\n{self._digest(given).hex()}".encode()).hexdigest()
-        address = artifact_name(self._job, f"stage_{name}", key, "bin")
+        key = hashlib.sha256(f"{self.basis}\n{name}\n{self.digest(given).hex()}".encode()).hexdigest()
+        address = artifact_name(self.job, f"stage_{name}", key, "bin")
         try:
             return cast(T, self._load(address))
         except FileNotFoundError:
@@ -291,17 +283,17 @@ class KeptStages:
         except (Damaged, OSError) as error:  # what a store cannot give out now can be made
             log.warning("stage %s is computed again: %s", name, error)
         value = make(*given)
-        part = self._scratch / f"{secrets.token_hex(8)}.part"
+        part = self.scratch / f"{secrets.token_hex(8)}.part"
         try:
             with part.open("wb") as target:
-                pack(value, self._kinds, target)
-            self._artifacts.put(part, address, durable=False)
+                pack(value, self.kinds, target)
+            self.artifacts.put(part, address, durable=False)
         except OSError as error:  # a full disk: the job may still get through
             log.warning("stage %s is not kept: %s", name, error)
             part.unlink(missing_ok=True)
         else:
-            self._finished(name)
-            if self._mapped:
+            self.finished(name)
+            if self.mapped:
                 with contextlib.suppress(OSError, Damaged):
                     return cast(T, self._load(address))
         return value
@@ -313,6 +305,6 @@ class KeptStages:
             FileNotFoundError: there is none.
             Damaged: as :func:`service.jobs.stage_files.unpack`.
         """
-        store = self._artifacts
-        with store.local(address, self._scratch).open("rb") if self._mapped else store.open(address) as stream:
-            return unpack(stream, self._kinds, mapped=self._mapped)
+        store = self.artifacts
+        with store.local(address, self.scratch).open("rb") if self.mapped else store.open(address) as stream:
+            return unpack(stream, self.kinds, mapped=self.mapped)
