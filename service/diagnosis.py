@@ -38,7 +38,7 @@ def library_versions() -> dict[str, str | None]:
 
 def cpu() -> dict[str, object]:
     """``model``, ``cores`` that this process may use, and the vector ``features`` that the runtimes use."""
-    fields = _fields(Path("/proc/cpuinfo"))
+    fields = machine.fields(Path("/proc/cpuinfo"))
     flags = set((fields.get("flags") or fields.get("Features") or "").split())
     return {
         "model": fields.get("model name") or platform.processor() or platform.machine(),
@@ -49,9 +49,8 @@ def cpu() -> dict[str, object]:
 
 def memory_mb() -> dict[str, int | None]:
     """``total`` and ``available`` memory in MiB, None where the system does not say."""
-    fields = _fields(Path("/proc/meminfo"))
-    found = {"total": fields.get("MemTotal"), "available": fields.get("MemAvailable")}
-    return {key: int(kib.split()[0]) // 1024 if kib else None for key, kib in found.items()}
+    found = {key: machine.kib(Path("/proc/meminfo"), f"Mem{key.title()}") for key in ("total", "available")}
+    return {key: None if kib is None else kib // 1024 for key, kib in found.items()}
 
 
 def peak_rss_mb() -> float:
@@ -59,11 +58,8 @@ def peak_rss_mb() -> float:
 
     /proc comes first, because ``ru_maxrss`` on Linux includes the memory of the parent at the time of the fork.
     """
-    try:
-        with open("/proc/self/status", encoding="ascii", errors="replace") as status:
-            return next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024
-    except (OSError, StopIteration):
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    peak = machine.kib(Path("/proc/self/status"), "VmHWM")
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss if peak is None else peak) / 1024
 
 
 def runtimes() -> list[str]:
@@ -114,13 +110,3 @@ def _version(name: str) -> str | None:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
         return None
-
-
-def _fields(path: Path) -> dict[str, str]:
-    """``key : value`` lines of a /proc file, the first of each key; empty where the system has no such file."""
-    fields: dict[str, str] = {}
-    if path.exists():
-        for line in path.read_text("utf-8", "replace").splitlines():
-            key, _, value = line.partition(":")
-            fields.setdefault(key.strip(), value.strip())
-    return fields

@@ -59,11 +59,24 @@ def _groups(root: Path, controller: str) -> Iterator[Path]:
             yield base.joinpath(*parts[:depth])
 
 
+def kib(path: Path, key: str) -> int | None:
+    """The KiB that a file of /proc states for a key, such as ``VmHWM``; None where it does not."""
+    words = fields(path).get(key, "").split()
+    return int(words[0]) if words else None
+
+
+def fields(path: Path) -> dict[str, str]:
+    """``key : value`` lines of a file of /proc, the first of each key; empty where the system has no such file."""
+    found: dict[str, str] = {}
+    for line in _text(path).splitlines():
+        key, _, value = line.partition(":")
+        found.setdefault(key.strip(), value.strip())
+    return found
+
+
 def _physical(root: Path) -> int:
-    for line in _text(root / "proc/meminfo").splitlines():
-        if line.startswith("MemTotal:"):
-            return int(line.split()[1]) << 10
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    total = kib(root / "proc/meminfo", "MemTotal")
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if total is None else total << 10
 
 
 def _number(path: Path) -> float | None:
@@ -73,6 +86,6 @@ def _number(path: Path) -> float | None:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text("ascii")
-    except (OSError, UnicodeError):
+        return path.read_text("utf-8", "replace")
+    except OSError:
         return ""

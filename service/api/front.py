@@ -10,7 +10,7 @@ import socket
 import time
 
 from fastapi import Request
-from starlette.datastructures import URL, Headers
+from starlette.datastructures import URL, Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.info import DURATION, REQUESTS, UPLOAD_BYTES
@@ -134,8 +134,6 @@ SECURITY_HEADERS = {
         "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
 }
-_GUARDS = tuple((name.lower().encode(), value.encode()) for name, value in SECURITY_HEADERS.items())
-
 
 PROBES = ("/livez", "/readyz", "/metrics")
 """Addresses that are asked for by whoever watches over the server, which may know it by its address only."""
@@ -236,11 +234,11 @@ class _Exchange:
         if message["type"] == "http.response.start":
             self._status = message["status"]
             self._head = time.perf_counter() - self._begin
-            headers = list(message.get("headers", ()))
-            names = {name.lower() for name, _ in headers}
-            headers.append((b"x-request-id", self._id.encode()))
-            headers += [guard for guard in _GUARDS if guard[0] not in names]
-            message = {**message, "headers": headers}
+            headers = MutableHeaders(raw=list(message.get("headers", ())))
+            headers["X-Request-Id"] = self._id
+            for name, value in SECURITY_HEADERS.items():
+                headers.setdefault(name, value)
+            message = {**message, "headers": headers.raw}
         self._bytes_out += len(message.get("body", b""))
         await self._send(message)
 

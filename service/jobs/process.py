@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.errors import AvatarError, Crashed, OutOfMemory, OutOfTime, as_facts
+from service.machine import kib
 from service.photo.wire import lower_limits
 
 if TYPE_CHECKING:  # the process itself is told what it needs, and does without pydantic
@@ -366,9 +367,7 @@ def descendants(process: int) -> list[int]:
 
 def resident_mb(process: int) -> float:
     """Resident memory of a process that is its own, in MiB; 0 where it is gone."""
-    with contextlib.suppress(OSError, ValueError, StopIteration), open(f"/proc/{process}/status", "rb") as status:
-        return next(int(line.split()[1]) for line in status if line.startswith(b"RssAnon")) / 1024
-    return 0.0
+    return (kib(Path(f"/proc/{process}/status"), "RssAnon") or 0) / 1024
 
 
 if __name__ == "__main__":
