@@ -412,17 +412,13 @@ def _write_pixels(decoded: Decoded, out: BinaryIO) -> None:
 
 def _limit_spending(request: Request) -> None:
     """Memory, time, bytes written, and an own alarm clock, in case that nobody is left to kill this process."""
-    if sys.platform != "win32":
-        signal.alarm(math.ceil(request.wall_seconds) + 1)
-        largest = len(READY) + REPLY_SIZE + request.max_pixels * request.output.channels
-        lower_limits(CPU=request.cpu_seconds, CORE=0, FSIZE=largest)
-    if sys.platform == "linux":
-        lower_limits(AS=request.memory_bytes)
+    signal.alarm(math.ceil(request.wall_seconds) + 1)
+    largest = len(READY) + REPLY_SIZE + request.max_pixels * request.output.channels
+    lower_limits(CPU=request.cpu_seconds, CORE=0, FSIZE=largest, AS=request.memory_bytes)
 
 
 def _give_up_files() -> None:
     """No new descriptor, no program loaded."""
-    if sys.platform == "linux":
-        # A descriptor limit below the next free number refuses open, socket and pipe, and with them the loader of any
-        # program that would be started.
-        lower_limits(NOFILE=0, NPROC=0)
+    # A descriptor limit below the next free number refuses open, socket and pipe, and with them the loader of any
+    # program that would be started.
+    lower_limits(NOFILE=0, NPROC=0)

@@ -21,7 +21,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -60,9 +59,8 @@ def read_photo(data: bytes, limits: Limits = Limits()) -> Photo:  # noqa: B008 -
     Returns:
         (H, W, 3) uint8 sRGB pixels, upright, with no metadata but the focal length. ``warnings`` may hold
         ``no-colour`` (grey or of one tint), ``transparent`` (was put before grey), ``icc-ignored`` (its colour
-        profile is broken, so sRGB was assumed), ``extra-images-ignored`` (only the first image was read),
-        ``focal-ignored`` (the file states the focal length of another frame) and ``decoder-not-limited`` (this
-        system cannot limit the memory of the decoding process).
+        profile is broken, so sRGB was assumed), ``extra-images-ignored`` (only the first image was read) and
+        ``focal-ignored`` (the file states the focal length of another frame).
 
     Raises:
         UnreadableInput: one of its subclasses, for whatever is wrong with the bytes.
@@ -74,8 +72,6 @@ def read_photo(data: bytes, limits: Limits = Limits()) -> Photo:  # noqa: B008 -
     warnings += [text for note, text in _NOTES.items() if note in reply.notes]
     if lacks_colour(pixels):
         warnings.append("no-colour")
-    if sys.platform != "linux":
-        warnings.append("decoder-not-limited")
     steps = np.reshape(reply.steps, (8, 8)).astype(np.float32) / np.float32(255) if any(reply.steps) else None
     digest = hashlib.sha256(data).hexdigest()
     return Photo(pixels, reply.focal_35mm or None, digest, tuple(dict.fromkeys(warnings)), steps)
@@ -143,7 +139,6 @@ def _check(reply: Reply, container: Container, limits: Limits) -> None:
 
 
 _BOOT = "import sys; sys.path[:0] = sys.argv[1:]; from service.photo.decoder import main; sys.exit(main())"
-_KEPT_ENVIRONMENT = ("SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
 
 
 def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple[Reply, bytearray]:
@@ -175,7 +170,7 @@ def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple
 
 
 Begun = tuple[subprocess.Popen[bytes], BinaryIO]
-"""A program of ours in a process of its own, and the file that it writes to: in memory, where the system can."""
+"""A program of ours in a process of its own, and the file in memory that it writes to."""
 
 _AHEAD: list[Begun] = []
 
@@ -199,7 +194,7 @@ def _decoder(codec: Codec) -> Begun:
                 return process, out
             with process, out:  # somebody has ended it
                 pass
-    environment = {name: os.environ[name] for name in _KEPT_ENVIRONMENT if name in os.environ}
+    environment = {name: os.environ[name] for name in ("LD_LIBRARY_PATH",) if name in os.environ}
     return begun(decoder_command(codec), environment)
 
 
@@ -209,8 +204,7 @@ def begun(command: Sequence[str], environment: Mapping[str, str]) -> Begun:
     Raises:
         AvatarError: it could not be started.
     """
-    linux = sys.platform == "linux"
-    out = os.fdopen(os.memfd_create("out"), "w+b") if linux else tempfile.TemporaryFile()  # noqa: SIM115 - see ended
+    out = os.fdopen(os.memfd_create("out"), "w+b")
     try:
         process = subprocess.Popen(  # noqa: S603 - our own interpreter and our own code, no shell
             command, stdin=subprocess.PIPE, stdout=out, stderr=subprocess.DEVNULL, env=environment,
@@ -295,7 +289,7 @@ def _reply(out: BinaryIO, channels: int, limits: Limits) -> Reply | None:
 
 def _explain(started: bool, status: int | None, limits: Limits) -> AvatarError:
     """What it means that there is no reply."""
-    if status is None or (sys.platform != "win32" and status in (-signal.SIGXCPU, -signal.SIGKILL, -signal.SIGALRM)):
+    if status is None or status in (-signal.SIGXCPU, -signal.SIGKILL, -signal.SIGALRM):
         return TooComplex(
             f"decoding took more than {limits.cpu_seconds} s of computing, {limits.wall_seconds:g} s in all "
             f"or {limits.memory_bytes // 1024**2} MiB of memory"

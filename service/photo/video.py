@@ -108,8 +108,7 @@ def main(path: str, *numbers: str) -> None:
 
     cv2.setNumThreads(1)
     capture = cv2.VideoCapture(path, cv2.CAP_FFMPEG)
-    if sys.platform == "linux":
-        lower_limits(CPU=seconds, AS=memory, CORE=0, FSIZE=moments * MOST_OF_A_FRAME, NOFILE=0)
+    lower_limits(CPU=seconds, AS=memory, CORE=0, FSIZE=moments * MOST_OF_A_FRAME, NOFILE=0)
     if not capture.isOpened():
         sys.exit(NO_VIDEO)
     width, height = (int(capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))

@@ -137,8 +137,6 @@ def lacked_memory(error: BaseException) -> bool:
 @lru_cache(maxsize=1)
 def glibc() -> Any:
     """The C library where it is glibc, else None."""
-    if not sys.platform.startswith("linux"):
-        return None
     library = ctypes.CDLL(None)
     return library if hasattr(library, "gnu_get_libc_version") and hasattr(library, "mallopt") else None
 
