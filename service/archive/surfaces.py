@@ -23,7 +23,7 @@ from service.materials.part import MeshPart, part_normals
 from service.reflectance.reflectance_maps import MID, SCALE_MM
 
 SMALLEST_OFFSET_M = 2.5e-5
-"""Shorter position offsets of a blendshape are written as 0."""
+"""Shorter position offsets of a blendshape are written as 0, or left out."""
 SMALLEST_TURN = 0.03
 """Shorter normal offsets of a blendshape are written as 0: under two degrees."""
 

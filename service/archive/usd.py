@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from service.archive.maps import MapFiles
-from service.archive.surfaces import JOINTS, PARENTS, Skeleton
+from service.archive.surfaces import JOINTS, PARENTS, SMALLEST_OFFSET_M, Skeleton
 from service.archive.usd_materials import material_text
 from service.archive.usd_text import Prim, fixed_tuples, numbers, read_prims, tokens
 from service.arrays import Float32, Float64, Int64
@@ -26,8 +26,6 @@ from service.hair.guides import resampled
 from service.head.files import split_polygons
 from service.materials.part import MeshPart, is_cards, normal_offsets, part_normals
 
-SMALLEST_OFFSET_M = 2.5e-5
-"""Shorter offsets of a blendshape are left out."""
 SMALLEST_TURN, TURN_STEP = 0.3, 0.05
 """Blendshapes that turn no normal by more, 17 degrees, have no offsets of normals; the others have them in steps."""
 

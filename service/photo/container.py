@@ -50,8 +50,10 @@ _LOSSLESS = (0xC3, 0xC7, 0xCB, 0xCF)
 # Inside entropy-coded data 0xFF is always followed by a stuffed zero or a restart number (T.81, B.1.1.5).
 _MARKER = re.compile(rb"\xff([^\x00\xd0-\xd7\xff])")
 
-_HEIC_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"mif1"}
-_HEIC_SEQUENCE_BRANDS = {b"hevc", b"hevx", b"hevm", b"hevs", b"msf1"}
+HEIC_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"mif1"}
+HEIC_SEQUENCE_BRANDS = {b"hevc", b"hevx", b"hevm", b"hevs", b"msf1"}
+AVIF_BRANDS = {b"avif", b"avis"}
+"""Brands of the container of MP4 that are photos; AVIF is told, and refused."""
 _OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"GIF8", "a GIF image"),
     (b"%PDF", "a PDF document"),
@@ -96,14 +98,14 @@ def sniff(data: bytes) -> Codec:
     if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
         return Codec.WEBP
     brand = data[8:12] if data[4:8] == b"ftyp" else b""
-    if brand in _HEIC_BRANDS | _HEIC_SEQUENCE_BRANDS:
+    if brand in HEIC_BRANDS | HEIC_SEQUENCE_BRANDS:
         return Codec.HEIC
     looks_like = _looks_like(data, brand)
     raise UnsupportedFormat(f"the file is {looks_like}; JPEG, PNG, WebP or HEIC is accepted", looks_like=looks_like)
 
 
 def _looks_like(data: bytes, brand: bytes) -> str:
-    if brand in (b"avif", b"avis"):
+    if brand in AVIF_BRANDS:
         return "an AVIF image"
     if brand:
         return "a video or another ISO media file"
@@ -122,7 +124,7 @@ def open_container(data: bytes, limits: Limits) -> Container:
     """
     codec = sniff(data)
     if codec == Codec.HEIC:
-        if data[8:12] in _HEIC_SEQUENCE_BRANDS:
+        if data[8:12] in HEIC_SEQUENCE_BRANDS:
             raise AnimatedImage("the HEIC file is a sequence of pictures; a still image is accepted")
         return Container(codec, None, data)
     container = {Codec.JPEG: _open_jpeg, Codec.PNG: _open_png, Codec.WEBP: _open_webp}[codec](data, limits)

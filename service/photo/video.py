@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from service.errors import CorruptImage, TooComplex, TooManyBytes, TooManyPixels
+from service.photo.container import AVIF_BRANDS, HEIC_BRANDS, HEIC_SEQUENCE_BRANDS
 from service.photo.gate import begun, ended
 from service.photo.wire import lower_limits
 
@@ -48,13 +49,12 @@ MOST_OF_A_FRAME = 32 << 20
 """Bytes of a frame as a JPEG file."""
 HEADER = struct.Struct(">I")
 """Length of the frame that follows; 0 ends."""
-HEIF = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif")
-"""Brands of the same container that are photos."""
 
 
 def is_video(data: bytes) -> bool:
     """Whether a file is a video of one of the formats that are read, by its first bytes."""
-    return data[:4] == b"\x1aE\xdf\xa3" or (data[4:8] in (b"ftyp", b"moov", b"mdat") and data[8:12] not in HEIF)
+    photos = HEIC_BRANDS | HEIC_SEQUENCE_BRANDS | AVIF_BRANDS
+    return data[:4] == b"\x1aE\xdf\xa3" or (data[4:8] in (b"ftyp", b"moov", b"mdat") and data[8:12] not in photos)
 
 
 def sharp_frames(data: bytes, limits: VideoLimits = VideoLimits()) -> list[bytes]:

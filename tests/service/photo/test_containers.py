@@ -11,10 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from service.errors import CorruptImage, TooComplex
-from service.photo.container import MAX_CHUNKS, MAX_SEGMENTS, open_container
+from service.photo.container import (
+    AVIF_BRANDS,
+    HEIC_BRANDS,
+    HEIC_SEQUENCE_BRANDS,
+    MAX_CHUNKS,
+    MAX_SEGMENTS,
+    open_container,
+)
 from service.photo.decoder import MAX_EXIF_BYTES, ExifFacts, read_exif
 from service.photo.gate import read_photo
 from service.photo.limits import Limits
+from service.photo.video import is_video
 from tests.service.photo import badimages as bad
 from tests.tools.gate_fuzz import decode_here, decode_in_child, run, seeds
 
@@ -194,3 +202,11 @@ def test_a_thousand_damaged_files_through_the_whole_gate() -> None:
 def test_seeds_are_sound() -> None:
     for data in seeds():
         assert decode_here(data) == "photo"
+
+
+@pytest.mark.parametrize("brand", sorted(HEIC_BRANDS | HEIC_SEQUENCE_BRANDS | AVIF_BRANDS))
+def test_photos_in_the_container_of_videos_are_no_videos(brand: bytes) -> None:
+    """A burst or a tiled photo was taken for a video, of which nothing could be read."""
+    head = (24).to_bytes(4, "big") + b"ftyp"
+    assert not is_video(head + brand + bytes(12))
+    assert is_video(head + b"isom" + bytes(12))
