@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import platform
 import resource
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
 from service import machine
 from service.errors import ModelFault
+from service.places import file_sha256
 
 DATA = Path(__file__).parent / "data"
 SUMS = "SHA256SUMS"
@@ -21,14 +20,6 @@ OPTIONAL = ("openvino", "pillow-heif")
 
 _X86_FEATURES = ("avx", "avx2", "f16c", "fma", "avx512f", "avx512_vnni", "avx512_bf16", "amx_bf16", "amx_int8")
 _ARM_FEATURES = ("asimd", "asimdhp", "asimddp", "bf16", "i8mm", "sve")
-
-
-@dataclass(frozen=True)
-class DataFile:
-    """A line of ``SHA256SUMS``: path relative to the data folder, hex digest."""
-
-    path: str
-    sha256: str
 
 
 def library_versions() -> dict[str, str | None]:
@@ -67,8 +58,8 @@ def runtimes() -> list[str]:
     return [f"{name} {version}" for name in ("onnxruntime", "openvino") if (version := _version(name))]
 
 
-def shipped_files(folder: Path = DATA) -> list[DataFile]:
-    """The data files of this version.
+def shipped_files(folder: Path = DATA) -> dict[str, str]:
+    """The data files of this version: path relative to the data folder, and hex sha256.
 
     Raises:
         ModelFault: the list itself is missing or a line of it is not ``<sha256>  <path>``.
@@ -77,12 +68,12 @@ def shipped_files(folder: Path = DATA) -> list[DataFile]:
         lines = (folder / SUMS).read_text("utf-8").splitlines()
     except OSError as error:
         raise ModelFault(f"{folder / SUMS} cannot be read ({error.strerror}); install the package again") from error
-    files = []
+    files = {}
     for line in lines:
         digest, gap, path = line.partition("  ")
         if not gap or len(digest) != 64 or not path:
             raise ModelFault(f"{folder / SUMS} has the line {line!r}; it has to be a sha256, two spaces and a path")
-        files.append(DataFile(path, digest))
+        files[path] = digest
     return files
 
 
@@ -93,15 +84,14 @@ def data_faults(folder: Path = DATA) -> list[str]:
         ModelFault: as :func:`shipped_files`.
     """
     faults = []
-    for file in shipped_files(folder):
+    for path, shipped in shipped_files(folder).items():
         try:
-            with (folder / file.path).open("rb") as stream:
-                digest = hashlib.file_digest(stream, "sha256").hexdigest()
+            digest = file_sha256(folder / path)
         except OSError as error:
-            faults.append(f"{file.path} cannot be read: {error.strerror}")
+            faults.append(f"{path} cannot be read: {error.strerror}")
             continue
-        if digest != file.sha256:
-            faults.append(f"{file.path} has sha256 {digest}; shipped was {file.sha256}")
+        if digest != shipped:
+            faults.append(f"{path} has sha256 {digest}; shipped was {shipped}")
     return faults
 
 

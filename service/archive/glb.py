@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from service import GENERATOR
-from service.archive.images import Rows, encode_jpeg, encode_png_rows
+from service.archive.images import SIGNATURE, Rows, encode_jpeg, encode_png_rows
 from service.archive.surfaces import Piece
 from service.arrays import AnyFloat, AnyInt, Float32, UInt8
 from service.materials.material import WHITE, ChartMap, Map, Material, OwnMap
@@ -144,24 +144,16 @@ JPEG_QUALITY = 92
 _LINEAR, _MIPMAPS, _CLAMP = 9729, 9987, 33071
 
 
-@dataclass(frozen=True)
-class EncodedPicture:
-    """An encoded texture: ``data`` in format ``mime`` ("image/png" or "image/jpeg")."""
-
-    data: bytes
-    mime: str
-
-
 class GltfMaterials:
     """Collects the materials of a file and the textures that they use."""
 
-    def __init__(self, writer: GltfWriter, charts: Mapping[str, EncodedPicture], own: Mapping[str, bytes]) -> None:
+    def __init__(self, writer: GltfWriter, charts: Mapping[str, bytes], own: Mapping[str, bytes]) -> None:
         """For a file.
 
         Args:
             writer: takes the pictures.
-            charts: maps of the chart by role, in glTF's coding: specular albedo in alpha, roughness in green, cavity
-                in red; roles that share a picture share a texture.
+            charts: PNG or JPEG of the chart's maps by role, in glTF's coding: specular albedo in alpha, roughness in
+                green, cavity in red; roles that share a picture share a texture.
             own: PNG of parts' own textures by name, taken as they are where glTF reads the same channels.
         """
         self._writer = writer
@@ -249,14 +241,15 @@ class GltfMaterials:
             return self._known[id(one), slot]
         pixels = packed(one.pixels, slot)
         whole = pixels is one.pixels and one.name in self._own and not _as_jpeg(pixels, slot)
-        picture = EncodedPicture(self._own[one.name], "image/png") if whole else _encoded(pixels, slot)
+        picture = self._own[one.name] if whole else _encoded(pixels, slot)
         return self._image(one.name, slot, picture, id(one))
 
-    def _image(self, name: str, slot: str, picture: EncodedPicture, key: int | None = None) -> int:
+    def _image(self, name: str, slot: str, picture: bytes, key: int | None = None) -> int:
         key = id(picture) if key is None else key
         if (key, slot) not in self._known:
-            view = self._writer.add_raw(picture.data)
-            self._images.append({"name": name, "mimeType": picture.mime, "bufferView": view})
+            view = self._writer.add_raw(picture)
+            kind = "image/png" if picture.startswith(SIGNATURE) else "image/jpeg"
+            self._images.append({"name": name, "mimeType": kind, "bufferView": view})
             self._textures.append({"name": name, "source": len(self._images) - 1, "sampler": 0})
             self._known[key, slot] = len(self._textures) - 1
         return self._known[key, slot]
@@ -266,10 +259,10 @@ def _as_jpeg(pixels: UInt8, slot: Slot) -> bool:
     return slot == "colour" and pixels.shape[2] == 3
 
 
-def _encoded(pixels: UInt8, slot: Slot) -> EncodedPicture:
+def _encoded(pixels: UInt8, slot: Slot) -> bytes:
     if _as_jpeg(pixels, slot):
-        return EncodedPicture(encode_jpeg(pixels, JPEG_QUALITY), "image/jpeg")
-    return EncodedPicture(encode_png_rows(Rows.of(pixels), srgb=slot == "colour"), "image/png")
+        return encode_jpeg(pixels, JPEG_QUALITY)
+    return encode_png_rows(Rows.of(pixels), srgb=slot == "colour")
 
 
 def packed(pixels: UInt8, slot: Slot) -> UInt8:
@@ -293,7 +286,7 @@ def chart_textures(
     specular: UInt8 | None = None,
     roughness: UInt8 | None = None,
     cavity: UInt8 | None = None,
-) -> dict[str, EncodedPicture]:
+) -> dict[str, bytes]:
     """Textures of the chart by role, each (h, w, 3) or (h, w) in the channels where glTF reads it.
 
     Normals are of tangent space, +Y up. Specular albedo is in alpha (KHR_materials_specular): the factor scales F0 =
@@ -315,7 +308,7 @@ def chart_textures(
 
 def glb_bytes(
     parts: Sequence[MeshPart],
-    charts: Mapping[str, EncodedPicture],
+    charts: Mapping[str, bytes],
     *,
     units: Sequence[str],
     expression: Mapping[str, float],
@@ -327,7 +320,7 @@ def glb_bytes(
 
     Args:
         parts: meshes in the order of the file; those of opacity 0 are left out.
-        charts: maps of the chart by role, in glTF's coding.
+        charts: PNG or JPEG of the chart's maps by role, in glTF's coding.
         units: names of the blendshapes, in the order of the targets.
         expression: weight of each blendshape in the photo, kept in ``extras.expressionWeights``.
         head: name of the head model, in ``asset.extras``.

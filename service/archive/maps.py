@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.archive.avatar import Avatar
-from service.archive.glb import EncodedPicture, chart_textures
+from service.archive.glb import chart_textures
 from service.archive.images import (
     Rows,
     encode_normals8,
@@ -162,7 +162,7 @@ OBJ_TEXTURE_PX, SMALL_OBJ_PX = 1024, 512
 """The same of maps that are there for the OBJ alone, as EXR without loss: a third. The full ones lie in ``maps/``."""
 
 
-def chart_pictures(avatar: Avatar) -> dict[str, EncodedPicture]:
+def chart_pictures(avatar: Avatar) -> dict[str, bytes]:
     """Textures of the chart by role, as the GLB has them.
 
     "diffuse_albedo" is the texture, with the photo's light in it, where there is no albedo. glTF decodes codes of

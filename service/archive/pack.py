@@ -21,7 +21,7 @@ from service import GENERATOR, PROGRAM, __version__
 from service import manifest as m
 from service.archive.avatar import Avatar, Drawn, Shapes, Source, drawn_parts, licences_text
 from service.archive.container import MEDIA_TYPES, MEMBERS, in_order, write_file, write_stream
-from service.archive.glb import EncodedPicture, glb_bytes, weights_by_name
+from service.archive.glb import glb_bytes, weights_by_name
 from service.archive.images import encode_jpeg, encode_png
 from service.archive.maps import (
     MapFiles,
@@ -97,7 +97,7 @@ def _meshes(
     avatar: Avatar,
     shapes: Shapes,
     maps: MapFiles,
-    pictures: Future[dict[str, EncodedPicture]],
+    pictures: Future[dict[str, bytes]],
     values: Future[dict[str, Float32]],
     drawn: Future[Drawn],
 ) -> dict[str, bytes]:

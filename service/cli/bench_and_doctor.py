@@ -53,7 +53,7 @@ def examine() -> dict[str, Any]:
     faults = [f"{name} is not installed" for name in diagnosis.REQUIRED if libraries[name] is None]
     files: list[str] = []
     try:
-        files = [file.path for file in diagnosis.shipped_files()]
+        files = list(diagnosis.shipped_files())
         faults += diagnosis.data_faults()
     except AvatarError as error:
         faults.append(error.message)

@@ -13,7 +13,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from service.archive.container import ArchiveFile
-from service.archive.glb import EncodedPicture, chart_textures, glb_bytes
+from service.archive.glb import chart_textures, glb_bytes
 from service.archive.images import NORMAL_SCALE, NORMAL_ZERO, encode_png
 from service.archive.reading import unpack_map
 from service.archive.surfaces import Piece
@@ -91,7 +91,7 @@ class KitCharts:
         return planes[0] if len(planes) == 1 else np.stack(planes, -1)
 
 
-def glb_charts(charts: KitCharts) -> dict[str, EncodedPicture]:
+def glb_charts(charts: KitCharts) -> dict[str, bytes]:
     """Textures of the chart for ``service.archive.glb``, no larger than ``IN_GLB``, by role."""
     small = KitCharts(charts.source, IN_GLB, {role: _square(codes, IN_GLB) for role, codes in charts._read.items()})
     plain = {

@@ -19,7 +19,7 @@ import numpy.typing as npt
 import pytest
 
 from service.archive.avatar import Avatar
-from service.archive.glb import EncodedPicture, glb_bytes
+from service.archive.glb import glb_bytes
 from service.archive.images import encode_png
 from service.archive.pack import archive_members
 from service.archive.usd import MOST_POINTS, curves_bytes
@@ -197,7 +197,7 @@ def test_a_marked_texel_lands_on_the_same_vertex_in_obj_and_glb(
 
 def test_glb_refuses_nan_and_takes_a_head_without_blendshapes(avatar: Avatar, tmp_path: Path) -> None:
 
-    picture = EncodedPicture(encode_png(toy_texture().texture, srgb=True), "image/png")
+    picture = encode_png(toy_texture().texture, srgb=True)
     facts: dict[str, Any] = {"expression": {}, "head": "h", "licence": "CC0-1.0"}
     broken = avatar.fit.neutral.copy()
     broken[0, 0] = np.nan

@@ -46,7 +46,7 @@ def test_a_changed_data_file_is_told_and_ends_with_one(
 
 @pytest.mark.usefixtures("trial_left_out")
 def test_a_missing_library_and_a_missing_list_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    def gone() -> list[diagnosis.DataFile]:
+    def gone() -> dict[str, str]:
         raise ModelFault("SHA256SUMS cannot be read")
 
     monkeypatch.setattr(diagnosis, "shipped_files", gone)
