@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import time
 from collections.abc import Collection
@@ -89,13 +88,6 @@ class DatabaseLock:
             return set()
         held = set(self._connection.execute(sa.text(_HELD)).scalars())
         return {worker for worker in workers if key_of(worker) not in held}
-
-    def close(self) -> None:
-        """Give the lock up."""
-        if self._connection is not None:
-            with contextlib.suppress(sa.exc.SQLAlchemyError):
-                self._connection.invalidate()
-                self._connection.close()
 
 
 def key_of(worker: str) -> int:

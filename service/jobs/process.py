@@ -62,10 +62,6 @@ class Task:
     tight: bool = False
     stages: str = ""
 
-    def line(self) -> bytes:
-        """One line of JSON."""
-        return json.dumps(asdict(self)).encode() + b"\n"
-
 
 class Reporter:
     """Lines from the process to the one that started it.
@@ -278,7 +274,7 @@ class JobProcess:
         """
         with contextlib.suppress(OSError):
             if self._process.stdin is not None:
-                self._process.stdin.write(task.line())
+                self._process.stdin.write(json.dumps(asdict(task)).encode() + b"\n")
                 self._process.stdin.flush()
         lines: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         threading.Thread(target=self._read, args=(lines,), daemon=True).start()

@@ -131,10 +131,6 @@ class Worker:
             except (sa.exc.SQLAlchemyError, OSError) as error:
                 self.quit(f"the queue cannot be reached: {error}")
 
-    def stop(self) -> None:
-        """End all processes of jobs; what they finished is kept, and goes on after the next start."""
-        self.runner.stop()
-
     def _check(self) -> None:
         """Check the data files by their hashes, and that all networks can be loaded."""
         before, found = self._fault, faults(self.settings)
@@ -164,7 +160,7 @@ class Worker:
     def quit(self, reason: str) -> None:
         """End this process at once; what it was at goes on elsewhere, or here after the next start."""
         log.critical("this worker ends: %s", reason)
-        self.stop()
+        self.runner.stop()
         os._exit(TEMPORARY_FAILURE)
 
 
@@ -194,9 +190,9 @@ def main(more: Callable[[Worker], Sequence[Workflows]] = lambda worker: ()) -> i
         worker.run()
     except (sa.exc.SQLAlchemyError, OSError) as error:
         log.critical("this worker cannot start or go on: %s", error)
-        worker.stop()
+        worker.runner.stop()
         os._exit(TEMPORARY_FAILURE)
-    worker.stop()
+    worker.runner.stop()
     with contextlib.suppress(OSError):
         shutil.rmtree(worker.runner.scratch, ignore_errors=True)
     logs.flush()
