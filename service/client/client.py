@@ -263,8 +263,6 @@ class Client:
         with contextlib.suppress(NoSuchJob, JobExpired):
             self._transport.ask("DELETE", _path(job_id), read_json)
 
-    cancel = delete
-
     def render(self, job_id: str, scene: Mapping[str, Any] | None = None, **options: Any) -> bytes:
         """A PNG of a finished avatar under a scene, however long the server takes for it.
 
