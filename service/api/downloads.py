@@ -85,22 +85,16 @@ class Extent:
     name: str
 
 
-def members(context: Context, row: Row) -> list[zipfile.ZipInfo]:
-    """Files of a job's archive."""
-    with context.artifacts.open(row["archive"]) as stream, zipfile.ZipFile(stream) as archive:
-        return archive.infolist()
-
-
 def member(context: Context, row: Row, path: str) -> Extent:
     """Where a file lies in a job's archive.
 
     Raises:
         HttpProblem: there is none of this name.
     """
-    info = next((info for info in members(context, row) if info.filename == path), None)
-    if info is None or info.compress_type != zipfile.ZIP_STORED:
-        raise not_found()
-    with context.artifacts.open(row["archive"]) as stream:
+    with context.artifacts.open(row["archive"]) as stream, zipfile.ZipFile(stream) as archive:
+        info = archive.NameToInfo.get(path)
+        if info is None or info.compress_type != zipfile.ZIP_STORED:
+            raise not_found()
         stream.seek(info.header_offset)
         header = stream.read(_LOCAL_HEADER)
     start = info.header_offset + _LOCAL_HEADER + int.from_bytes(header[26:28], "little")
@@ -207,6 +201,8 @@ async def download_archive(job: str, request: Request, tenant: Asking, context: 
 def list_files(job: str, tenant: Asking, context: Here) -> Response:
     """Each file can be had by itself under its ``link``."""
     row = finished(context, job, tenant)
+    with context.artifacts.open(row["archive"]) as stream, zipfile.ZipFile(stream) as archive:
+        members = archive.infolist()
     items = [
         {
             "path": info.filename,
@@ -214,7 +210,7 @@ def list_files(job: str, tenant: Asking, context: Here) -> Response:
             "media_type": media_type(info.filename),
             "link": f"/v1/avatars/{job}/files/{info.filename}",
         }
-        for info in members(context, row)
+        for info in members
     ]
     return Json({"items": items})
 
