@@ -65,7 +65,7 @@ def readyz(context: Here) -> Response:
 def models() -> Response:
     """The networks and the head model."""
     from service.head.files import DEFAULT_HEAD
-    from service.places import sha256_of
+    from service.places import file_sha256
     from service.runtime.network_registry import ROLES
     from service.runtime.sessions import model_table
 
@@ -78,10 +78,8 @@ def models() -> Response:
         }
         for name, entry in model_table().items()
     ]
-    with DEFAULT_HEAD.open("rb") as stream:
-        facts = json.loads(DEFAULT_HEAD.with_suffix(".json").read_text("utf-8"))
-        digest, licence = sha256_of(stream), str(facts.get("licence", "CC0-1.0"))
-    items.append({"name": "head", "sha256": digest, "licence": licence, "role": "head model"})
+    licence = str(json.loads(DEFAULT_HEAD.with_suffix(".json").read_text("utf-8")).get("licence", "CC0-1.0"))
+    items.append({"name": "head", "sha256": file_sha256(DEFAULT_HEAD), "licence": licence, "role": "head model"})
     return JSONResponse({"items": items})
 
 

@@ -144,32 +144,31 @@ JPEG_QUALITY = 92
 _LINEAR, _MIPMAPS, _CLAMP = 9729, 9987, 33071
 
 
+@dataclass(eq=False)
 class GltfMaterials:
-    """Collects the materials of a file and the textures that they use."""
+    """Collects the materials of a file and the textures that they use.
 
-    def __init__(self, writer: GltfWriter, charts: Mapping[str, bytes], own: Mapping[str, bytes]) -> None:
-        """For a file.
+    Attributes:
+        writer: takes the pictures.
+        charts: PNG or JPEG of the chart's maps by role, in glTF's coding: specular albedo in alpha, roughness in green,
+            cavity in red; roles that share a picture share a texture.
+        own: PNG of parts' own textures by name, taken as they are where glTF reads the same channels.
+    """
 
-        Args:
-            writer: takes the pictures.
-            charts: PNG or JPEG of the chart's maps by role, in glTF's coding: specular albedo in alpha, roughness in
-                green, cavity in red; roles that share a picture share a texture.
-            own: PNG of parts' own textures by name, taken as they are where glTF reads the same channels.
-        """
-        self._writer = writer
-        self._own = own
-        self._charts = charts
-        self._written: list[Object] = []
-        self._names: dict[str, int] = {}
-        self._textures: list[Object] = []
-        self._images: list[Object] = []
-        self._known: dict[tuple[int, str], int] = {}
-        self._extensions: set[str] = set()
+    writer: GltfWriter
+    charts: Mapping[str, bytes]
+    own: Mapping[str, bytes]
+    _written: list[Object] = field(default_factory=list)
+    _names: dict[str, int] = field(default_factory=dict)
+    _textures: list[Object] = field(default_factory=list)
+    _images: list[Object] = field(default_factory=list)
+    _known: dict[tuple[int, str], int] = field(default_factory=dict)
+    _extensions: set[str] = field(default_factory=set)
 
     def has_normals(self, material: Material) -> bool:
         """Whether its normal map is there."""
         one = material.normal_map
-        return isinstance(one, OwnMap) or (one is not None and one.role in self._charts)
+        return isinstance(one, OwnMap) or (one is not None and one.role in self.charts)
 
     def add(self, material: Material) -> int:
         """Index of the material, written at the first call."""
@@ -235,19 +234,19 @@ class GltfMaterials:
 
     def _texture(self, one: Map, slot: Slot) -> int | None:
         if isinstance(one, ChartMap):
-            picture = self._charts.get(one.role)
+            picture = self.charts.get(one.role)
             return None if picture is None else self._image(one.role, "", picture)
         if (id(one), slot) in self._known:
             return self._known[id(one), slot]
         pixels = packed(one.pixels, slot)
-        whole = pixels is one.pixels and one.name in self._own and not _as_jpeg(pixels, slot)
-        picture = self._own[one.name] if whole else _encoded(pixels, slot)
+        whole = pixels is one.pixels and one.name in self.own and not _as_jpeg(pixels, slot)
+        picture = self.own[one.name] if whole else _encoded(pixels, slot)
         return self._image(one.name, slot, picture, id(one))
 
     def _image(self, name: str, slot: str, picture: bytes, key: int | None = None) -> int:
         key = id(picture) if key is None else key
         if (key, slot) not in self._known:
-            view = self._writer.add_raw(picture)
+            view = self.writer.add_raw(picture)
             kind = "image/png" if picture.startswith(SIGNATURE) else "image/jpeg"
             self._images.append({"name": name, "mimeType": kind, "bufferView": view})
             self._textures.append({"name": name, "source": len(self._images) - 1, "sampler": 0})

@@ -15,7 +15,7 @@ from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt16
 from service.geometry.chart import any_orthogonal, solve_affine
 from service.geometry.mesh import area_normals, face_normals, normalise
 from service.geometry.remesh import Subdivision
-from service.head.files import split_polygons
+from service.head.files import split_polygons, triangle_fields
 from service.head.model import HeadModel
 from service.head.regions import part_vertices, vertex_mask
 from service.image_filters import shrunk
@@ -119,9 +119,7 @@ def subdivided_head(head: HeadModel, vertices: AnyFloat, steps: int = STEPS) -> 
         polygon_uv=quads_uv,
         polygon_part=part,
         uv=uv.astype(np.float32),
-        triangles=split_polygons(quads),
-        triangle_uv=split_polygons(quads_uv),
-        triangle_part=np.concatenate([part, part]),
+        **triangle_fields(quads, quads_uv, part),
     )
     return fine, points
 

@@ -86,7 +86,7 @@ def load_head(path: Path | None = None) -> HeadModel:
     return model
 
 
-def triangle_fields(polygons: Int32, polygon_uv: Int32, polygon_part: UInt8) -> dict[str, npt.NDArray[Any]]:
+def triangle_fields(polygons: Int32, polygon_uv: Int32, polygon_part: UInt8) -> dict[str, Any]:
     """The fields ``triangles``, ``triangle_uv`` and ``triangle_part`` that follow from the polygons."""
     quad = polygons[:, 3] >= 0
     return {
