@@ -20,8 +20,10 @@ _ROUGH = 0.3
 """Azimuthal roughness of a strand."""
 WIDTH = 5.969 - 0.215 * _ROUGH + 2.532 * _ROUGH**2 - 10.73 * _ROUGH**3 + 5.574 * _ROUGH**4 + 0.245 * _ROUGH**5
 """By which the square root of what it absorbs darkens a volume of strands."""
-SURFACE = 0.011
-"""Light that the surface of strands scatters without colour: black hair is no hole."""
+SURFACE = 0.003
+"""Light that comes out of strands without colour, however black: they are no hole."""
+SHEEN = 0.008
+"""White light that is least seen with the colour of hair when it is asked whether it is dyed."""
 GREY = 0.015
 """Melanin that is left in a grey hair."""
 DYED, DYED_DARK, DARK = 0.4, 2.0, 0.02
@@ -153,8 +155,9 @@ def as_absorbed(colours: AnyFloat, *, dyed: bool = True) -> HairColour:
     if dyed and len(colours):
         usual = np.median(absorbed.reshape(-1, 3), 0)
         amount = np.median(melanin.reshape(-1, 2), 0)
-        left = np.log(reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN])) / reflected(usual))
-        bright = float(luma(reflected(usual)))
+        nearest, shown = reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN])), reflected(usual)
+        left = np.log((nearest + SHEEN) / (shown + SHEEN))  # which the eye sees with any hair, and hides its hue
+        bright = float(luma(shown))
         if float(left.max() - left.min()) > DYED + DYED_DARK * np.exp(-bright / DARK):
             # Whatever melanin there is absorbs no more than the dyed hair does in any channel.
             bases = np.stack([EUMELANIN, PHEOMELANIN])

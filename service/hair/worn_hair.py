@@ -16,6 +16,7 @@ from service.hair.scalp import Scalp
 from service.levels import QualityName
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
+from service.render.draw import MIRRORED, with_gloss, without_gloss
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,9 @@ def hair_in_albedo(
     # the light's, which need not be as coloured on the hair as on the face.
     usual = np.median(seen.reshape(-1, 3), 0)
     brown = any(red >= green >= blue for red, green, blue in (usual, usual * light))
-    unlit_colour = as_absorbed(np.clip(seen * light, 1e-3, 0.9), dyed=not brown)
+    white = np.clip(seen * light, 1e-3, 0.9)
+    own = without_gloss(white, mirrored(np.clip(usual * light, 1e-3, 0.9)))
+    unlit_colour = as_absorbed(own, dyed=not brown)
     made = replace(unlit_colour, measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.
@@ -92,6 +95,24 @@ def hair_in_albedo(
             materials[part.material.name] = replace(part.material, colour_map=pictures[id(one)])
     unlit = tuple(replace(part, material=materials.get(part.material.name, part.material)) for part in parts)
     return replace(hair, groom=replace(groom, colour=made), in_photo_light=False), unlit
+
+
+HUE = 0.2
+"""Standard deviation of the logarithm of a channel of hair beside that of the melanin nearest to it."""
+AMOUNTS = MIRRORED * 2 ** np.linspace(-2, 1.5, 15, dtype=np.float32)
+
+
+def mirrored(colour: Float32) -> float:
+    """How much white light hair mirrors that has a linear RGB (3,) under white light.
+
+    The likeliest of ``AMOUNTS``, which vary by a factor of two: dark hair without a hue is black and shines, as no
+    melanin is grey.
+    """
+    inside = [without_gloss(colour, float(amount)) for amount in AMOUNTS]
+    nearest = as_absorbed(np.repeat(np.array(inside)[:, None], KNOTS, 1), dyed=False).linear()[:, 0]
+    off = [np.log(with_gloss(one, float(amount)) / colour) for one, amount in zip(nearest, AMOUNTS, strict=True)]
+    cost = np.square(np.array(off) / HUE).sum(1) + np.square(np.log2(AMOUNTS / MIRRORED))
+    return float(AMOUNTS[int(cost.argmin())])
 
 
 LEVELS_OF_HAIR = 8

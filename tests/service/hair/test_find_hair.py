@@ -30,6 +30,7 @@ from service.head.files import load_head
 from service.head.model import HeadModel
 from service.options import Options
 from service.photo.photo import Photo
+from service.render.draw import with_gloss, without_gloss
 from tests.support.hair import fit_of, photographed
 
 HEAD = load_head()
@@ -245,6 +246,29 @@ def test_brown_hair_under_a_blue_sky_is_brown() -> None:
     worn = WornHair(groom, "crop", {}, np.ones(len(groom), np.float32), in_photo_light=True)
     made = hair_in_albedo(worn, (), np.array([1.72, 1.7, 1.49], np.float32))[0].groom
     assert made is not None and not made.colour.dye.any()
+
+
+def test_what_strands_mirror_is_not_in_their_albedo() -> None:
+    """Black hair came out at twice to four times its colour, and shone once more: it was grey in any light."""
+    seen = photographed(NAMED["crop"], 3, HEAD, strands=50)
+
+    def unlit(colour: list[float]) -> np.ndarray:
+        own = as_absorbed(np.broadcast_to(np.array(colour, np.float32), (len(seen.groom), KNOTS, 3)))
+        groom, share = dataclasses.replace(seen.groom, colour=own), np.ones(50, np.float32)
+        worn = WornHair(groom, "crop", {}, share, in_photo_light=True)
+        made = hair_in_albedo(worn, (), np.ones(3, np.float32))[0].groom
+        assert made is not None and np.isfinite(made.colour.linear()).all()
+        return np.median(made.colour.linear().reshape(-1, 3), 0)
+
+    assert luma(unlit([0.027, 0.027, 0.027])) < 0.012, "black hair that shines"
+    brown = np.array([0.1, 0.053, 0.022], np.float32)
+    kept = unlit(with_gloss(brown).tolist())
+    assert abs(np.log(luma(kept) / luma(brown))) < 0.1, "brown hair, of which little is shine"
+    assert luma(unlit([0.4, 0.33, 0.24])) > 0.3, "fair hair"
+    levels = np.geomspace(1e-5, 0.9, 50).astype(np.float32)
+    np.testing.assert_allclose(without_gloss(with_gloss(levels)), levels, rtol=1e-4)
+    none = np.zeros(3, np.float32)
+    assert not without_gloss(none).any() and not with_gloss(none).any()
 
 
 def test_black_hair_that_mirrors_the_sky_is_not_violet_and_blue_hair_stays_blue() -> None:
