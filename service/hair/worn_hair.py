@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from service.arrays import Float32, UInt8
-from service.colour import bytes_to_linear, linear_to_srgb
+from service.colour import bytes_to_linear, linear_to_srgb, luma
 from service.hair.cards import BUDGETS, PARTS, hair_parts
 from service.hair.colour import KNOTS, as_absorbed
 from service.hair.groom import Groom
@@ -81,7 +81,7 @@ def hair_in_albedo(
     brown = any(red >= green >= blue for red, green, blue in (usual, usual * light))
     white = np.clip(seen * light, 1e-3, 0.9)
     own = without_gloss(white, mirrored(np.clip(usual * light, 1e-3, 0.9)))
-    unlit_colour = as_absorbed(own, dyed=not brown)
+    unlit_colour = as_absorbed(own, dyed=not brown or greyed(np.median(own.reshape(-1, 3), 0)))
     made = replace(unlit_colour, measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.
@@ -113,6 +113,17 @@ def mirrored(colour: Float32) -> float:
     off = [np.log(with_gloss(one, float(amount)) / colour) for one, amount in zip(nearest, AMOUNTS, strict=True)]
     cost = np.square(np.array(off) / HUE).sum(1) + np.square(np.log2(AMOUNTS / MIRRORED))
     return float(AMOUNTS[int(cost.argmin())])
+
+
+GREYED = 0.06, 0.3
+"""Luminance from which on hair is grey, and its saturation, 1 - min / max, up to which it is: brown as fair as this has
+0.75, and blond 0.6."""
+
+
+def greyed(albedo: Float32) -> bool:
+    """Whether hair of a linear albedo (3,) is grey: it has the colour of melanin, and of strands that have lost it."""
+    level, saturation = GREYED
+    return bool(luma(albedo) > level and 1 - albedo.min() / max(float(albedo.max()), 1e-6) < saturation)
 
 
 LEVELS_OF_HAIR = 8

@@ -265,6 +265,10 @@ def test_what_strands_mirror_is_not_in_their_albedo() -> None:
     kept = unlit(with_gloss(brown).tolist())
     assert abs(np.log(luma(kept) / luma(brown))) < 0.1, "brown hair, of which little is shine"
     assert luma(unlit([0.4, 0.33, 0.24])) > 0.3, "fair hair"
+    grey = unlit([0.142, 0.124, 0.111])
+    assert grey.min() > 0.65 * grey.max(), "grey hair, faintly warm: it came out light brown"
+    faint = unlit([0.1, 0.076, 0.069])
+    assert faint.min() < 0.3 * faint.max(), "brown hair that mirrors the sky"
     levels = np.geomspace(1e-5, 0.9, 50).astype(np.float32)
     np.testing.assert_allclose(without_gloss(with_gloss(levels)), levels, rtol=1e-4)
     none = np.zeros(3, np.float32)
