@@ -22,8 +22,8 @@ WIDTH = 5.969 - 0.215 * _ROUGH + 2.532 * _ROUGH**2 - 10.73 * _ROUGH**3 + 5.574 *
 """By which the square root of what it absorbs darkens a volume of strands."""
 SURFACE = 0.003
 """Light that comes out of strands without colour, however black: they are no hole."""
-SHEEN = 0.008
-"""White light that is least seen with the colour of hair when it is asked whether it is dyed."""
+SHINE = 0.008
+"""Least white light that any photo has in the colour of hair, which strands mirror: it hides the hue of black hair."""
 GREY = 0.015
 """Melanin that is left in a grey hair."""
 DYED, DYED_DARK, DARK = 0.4, 2.0, 0.02
@@ -83,11 +83,13 @@ class HairColour:
             from root to tip.
         dye: (3,) float32 at least 0, what dye absorbs beside them in red, green and blue; 0 in hair that is not dyed.
         measured: whether the photo shows enough hair to tell; else it is guessed from the brows.
+        shine: linear value of the white light that strands mirror besides, in colours that are a photo's.
     """
 
     melanin: Float32
     dye: Float32
     measured: bool = True
+    shine: float = 0.0
 
     @classmethod
     def of(cls, melanin: Melanin, strands: int, rng: np.random.Generator) -> HairColour:
@@ -112,7 +114,7 @@ class HairColour:
         low = np.minimum(at.astype(int), KNOTS - 2)
         part = (at - low).astype(np.float32)[None, :, None]
         amount = self.melanin[:, low] * (1 - part) + self.melanin[:, low + 1] * part
-        return reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN]) + self.dye)
+        return reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN]) + self.dye) + np.float32(self.shine)
 
 
 COLOURS: dict[str, Melanin] = {
@@ -146,9 +148,12 @@ def absorption_of(colour: AnyFloat) -> Float32:
     return np.asarray(np.square(logs / WIDTH), np.float32)
 
 
-def as_absorbed(colours: AnyFloat, *, dyed: bool = True) -> HairColour:
-    """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains, if it may be."""
-    colours = np.clip(colours, 1.15 * SURFACE, 0.98)
+def as_absorbed(colours: AnyFloat, *, dyed: bool = True, shine: float = 0.0) -> HairColour:
+    """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains, if it may be.
+
+    ``shine`` is what they mirror, see :class:`HairColour`.
+    """
+    colours = np.clip(colours - np.float32(shine), 1.15 * SURFACE, 0.98)
     absorbed = absorption_of(colours).astype(np.float64)
     melanin = _as_bright(_melanin(absorbed), luma(np.asarray(colours, np.float32)))
     dye = np.zeros(3)
@@ -156,7 +161,7 @@ def as_absorbed(colours: AnyFloat, *, dyed: bool = True) -> HairColour:
         usual = np.median(absorbed.reshape(-1, 3), 0)
         amount = np.median(melanin.reshape(-1, 2), 0)
         nearest, shown = reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN])), reflected(usual)
-        left = np.log((nearest + SHEEN) / (shown + SHEEN))  # which the eye sees with any hair, and hides its hue
+        left = np.log((nearest + SHINE) / (shown + SHINE))
         bright = float(luma(shown))
         if float(left.max() - left.min()) > DYED + DYED_DARK * np.exp(-bright / DARK):
             # Whatever melanin there is absorbs no more than the dyed hair does in any channel.
@@ -164,7 +169,7 @@ def as_absorbed(colours: AnyFloat, *, dyed: bool = True) -> HairColour:
             most = (usual / np.maximum(amount @ bases, 1e-9)).min()
             melanin = melanin * min(1.0, float(most))
             dye = np.maximum(usual - np.median(melanin.reshape(-1, 2), 0) @ bases, 0)
-    return HairColour(np.asarray(melanin, np.float32), np.asarray(dye, np.float32))
+    return HairColour(np.asarray(melanin, np.float32), np.asarray(dye, np.float32), shine=shine)
 
 
 def _as_bright(melanin: Float64, bright: Float32) -> Float64:

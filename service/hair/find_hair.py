@@ -20,7 +20,7 @@ from service.face.reading.reader import Reading
 from service.geometry.sampling import sample_at
 from service.hair.asked import NONE, AskedHair
 from service.hair.bank import UNLIKELY, Bank, Matches, kind_of, match, read_bank
-from service.hair.colour import KNOTS, HairColour, as_absorbed, asked_colour
+from service.hair.colour import KNOTS, SHINE, HairColour, as_absorbed, asked_colour
 from service.hair.groom import Groom, make_groom
 from service.hair.guides import grow_several, grown
 from service.hair.kinds import GATHERED, KINDS, kinds_of
@@ -244,13 +244,14 @@ def painted(photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, 
     # As much light comes off all of them as off the hair in the photo.
     level = np.clip(level + np.log(float(np.exp(bright[inner]).mean()) / float(np.exp(level).mean())), low, high)
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
-    return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))))
+    return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))), shine=SHINE)
 
 
 def _guessed(usual: Float32, count: int, rng: np.random.Generator) -> HairColour:
     """Strands of one colour, the logarithm of linear RGB (3,), which differ in brightness."""
     level = rng.normal(0, USUAL_SPREAD, (count, 1)).astype(np.float32)
-    return replace(as_absorbed(np.exp(usual + np.repeat(level, KNOTS, 1)[..., None])), measured=False)
+    colours = np.exp(usual + np.repeat(level, KNOTS, 1)[..., None])
+    return replace(as_absorbed(colours, shine=SHINE), measured=False)
 
 
 def _hue(logs: Float32, bright: Float32) -> tuple[Float32, Float32]:

@@ -15,7 +15,7 @@ from service.errors import ModelFault, UsageError
 from service.face.region import Region
 from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
 from service.hair.bank import kind_of, match, mirrored, read_bank
-from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
+from service.hair.colour import COLOURS, KNOTS, SHINE, as_absorbed, asked_colour
 from service.hair.find_hair import Tried, candidates, choose, grow_hair, painted, see_hair
 from service.hair.groom import make_groom
 from service.hair.kinds import LENGTHS
@@ -216,7 +216,8 @@ def test_the_photos_colour_is_taken_without_its_light(name: str) -> None:
     seen = photographed(NAMED["bob"], 3, HEAD)
     pure = dataclasses.replace(COLOURS[name], spread=0.0, fade=0.0)
     wanted = asked_colour(name, 1, 0).chosen(np.zeros(1, np.int64))
-    colour = np.median(dataclasses.replace(wanted, melanin=pure.amounts(1, np.random.default_rng(0))).linear()[0], 0)
+    shining = dataclasses.replace(wanted, melanin=pure.amounts(1, np.random.default_rng(0)), shine=SHINE)
+    colour = np.median(shining.linear()[0], 0)
     gradient = np.broadcast_to(np.linspace(0.6, 1.5, 112), (112, 112))
     share = np.ones(len(seen.groom), np.float32)
     found = painted(picture_of(colour, gradient), seen.sight, seen.groom.strands, share, USUAL_SKIN, 0)
