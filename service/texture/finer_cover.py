@@ -172,6 +172,10 @@ MOST_TINT = 2.5
 """Most that a channel is brightened more than luminance is."""
 
 
+WORN = 0.05
+"""Texels below a hat over those of bare skin from which on one is worn: a fringe was taken for one in up to 0.013."""
+
+
 def out_of_shadow(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) -> tuple[Float32, Float32]:
     """Skin without a hat's shadow below its brim: the head is worn without the hat, which throws it.
 
@@ -187,10 +191,11 @@ def out_of_shadow(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zon
     """
     told = unwrapped.weight > 0
     bare = told & zones.skin & (zones.face > 0.5) & (parts[:, SKIN] > 0.5)
-    hat = chart.spread((told & zones.skin & (parts[:, HAT] > 0.5)).astype(np.float32)[:, None])[..., 0] > 0.5
+    covered = told & zones.skin & (parts[:, HAT] > 0.5)
     nothing = unwrapped.colour, np.zeros(len(told), np.float32)
-    if not hat.any():
+    if covered.sum() <= WORN * bare.sum():
         return nothing
+    hat = chart.spread(covered.astype(np.float32)[:, None])[..., 0] > 0.5
     away = cv2.distanceTransform((~hat).astype(np.uint8), cv2.DIST_L2, 5).ravel()[chart.texels]
     below = 1 - smoothstep(away / np.float32(chart.width), 0.7 * CAST, CAST)
     lit = bare & (below <= 0)

@@ -98,6 +98,10 @@ def test_the_shadow_of_a_hat_is_taken_off_as_the_head_wears_none() -> None:
     photo = seen(TONE * shadow)
     assert np.array_equal(out_of_shadow(CHART, photo, worn, ZONES)[0][lit], photo.colour[lit])
     assert out_of_shadow(CHART, photo, parts(), ZONES)[0] is photo.colour, "without a hat a shadow is the head's own"
+    few = np.zeros(COUNT, np.float32)
+    few[np.flatnonzero(own & (ROW < 125))[:200]] = 0.51
+    found = out_of_shadow(CHART, photo, parts(**{f"p{HAT}": few}), ZONES)[0]
+    assert found is photo.colour, "two doubtful texels of a fringe bleached a woman's brows"
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0])
