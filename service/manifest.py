@@ -190,7 +190,7 @@ class ReflectanceEntry(_Strict):
     height: Annotated[int, Gt(0)]
     super_resolution: bool
     """Whether a network enlarged the texture; otherwise it was resampled."""
-    runtime: Literal["onnxruntime", "openvino", "cuda", "tensorrt", "openvino-gpu"]
+    runtime: Literal["onnxruntime", "openvino"]
     """Of most networks."""
     precision: Literal["fp32", "bf16"]
     engines: dict[str, str]

@@ -143,7 +143,7 @@ class Options(Checked):
     bits: Literal[8, 16] | None = None
     normals: Literal["tangent", "object"] = "tangent"
     budget: Annotated[_Seconds | None, Right("a number of seconds above 0")] = None
-    runtime: Literal["auto", "onnxruntime", "openvino", "cuda", "tensorrt", "openvino-gpu"] = "auto"
+    runtime: Literal["auto", "onnxruntime", "openvino"] = "auto"
     face: Annotated[_FaceIndex | Literal["largest"] | None, Right("'largest' or an index, 0 for the first face")] = None
     leave_out: Literal["strangers"] | None = None
     detail: Annotated[float, Strict(), Ge(0), Le(1), Right("a number from 0 to 1")] = 1.0

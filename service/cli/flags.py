@@ -63,7 +63,7 @@ MAPS = {
     "size": Flag("Size of the maps, WIDTHxHEIGHT, 3:2. [default: the quality's]", parse=parse_size),
     "bits": Flag("Bits of normal maps, 8 or 16. [default: the quality's]", int),
     "normals": Flag("Space of specular and diffuse normals: tangent or object. [default: tangent]"),
-    "runtime": Flag("Of networks: auto, onnxruntime, openvino, cuda, tensorrt or openvino-gpu. [default: auto]"),
+    "runtime": Flag("Of networks: auto, onnxruntime or openvino. [default: auto]"),
     "detail": Flag("How much detail finer than the photo is made up, 0 to 1. [default: 1]", float),
     "seed": Flag("Seed of every random choice. [default: 0]", int),
 }

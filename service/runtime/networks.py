@@ -6,9 +6,6 @@ it is ahead of onnxruntime where the processor has AVX-512, and with AVX2 alone 
 every start: the runtimes differ in the last bits, and the same photo has to give the same bytes.
 
 A network is loaded when a stage begins and released when it ends, so the memory of a run is that of its largest stage.
-On an accelerator the same networks run by onnxruntime's providers for CUDA and TensorRT or by OpenVINO's for GPUs, in
-float32. ``auto`` takes one that is there, but never TensorRT, which compiles each size of input for minutes. No such
-machine was at hand: the tests compare with onnxruntime on the processor wherever they find one, and no time is known.
 
 OpenVINO compiles a network for a fifth of a second, on one core, and later runs read it from a cache
 (``service.runtime.compiled_networks``). Fit and texture use one core too; so the networks of the later stages are made
@@ -29,7 +26,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Annotated, Any, Literal, cast, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from annotated_types import Ge, MinLen
@@ -43,7 +40,6 @@ from service.runtime.network_registry import networks_of
 from service.runtime.sessions import (
     MODELS,
     checked_bytes,
-    has_accelerator,
     has_openvino,
     lacked_memory,
     native_session,
@@ -114,17 +110,10 @@ class Description:
         return found
 
 
-RuntimeName = Literal["onnxruntime", "openvino", "cuda", "tensorrt", "openvino-gpu"]
+RuntimeName = Literal["onnxruntime", "openvino"]
 Precision = Literal["fp32", "bf16"]
 
 RUNTIMES = ("auto", *get_args(RuntimeName))
-
-ACCELERATORS: dict[str, str] = {
-    "cuda": "onnxruntime-gpu with CUDA and an NVIDIA card",
-    "tensorrt": "onnxruntime-gpu with TensorRT and an NVIDIA card",
-    "openvino-gpu": "OpenVINO and an Intel GPU with its driver",
-}
-"""Runtimes that do not compute on the processor, and what each needs."""
 
 INPUT, OUTPUT = "maps", "result"
 _METADATA = ["framework", KEY]
@@ -243,29 +232,19 @@ def choose_engine(runtime: str = "auto", *, threads: int = 0, precision: str = "
     """The engine for this machine.
 
     Args:
-        runtime: of ``RUNTIMES``. "auto": CUDA or OpenVINO on a GPU where there is one; else OpenVINO where it is
-            installed and the processor has AVX-512 or AMX; with AVX2 alone for the networks of ``ENLARGING``; else
-            onnxruntime. The same choice at every call on a machine.
+        runtime: of ``RUNTIMES``. "auto": OpenVINO where it is installed and the processor has AVX-512 or AMX; with AVX2
+            alone for the networks of ``ENLARGING``; else onnxruntime. The same choice at every call on a machine.
         threads: compute threads; 0 means as many as this process may use.
         precision: "fp32", "bf16", or "auto": bf16 where OpenVINO runs and :func:`bf16_pays`.
         folder: of the models.
 
     Raises:
-        UsageError: an unknown name; a runtime that is not installed or lacks its accelerator; bf16 where it cannot be
-            had.
+        UsageError: an unknown name; a runtime that is not installed; bf16 where it cannot be had.
     """
     if runtime not in RUNTIMES:
         raise UsageError(f"runtime is {runtime!r}; it has to be one of {', '.join(RUNTIMES)}", field="runtime")
     if precision not in ("auto", "fp32", "bf16"):
         raise UsageError(f"precision is {precision!r}; it has to be auto, fp32 or bf16", field="precision")
-    if runtime in ACCELERATORS and not has_accelerator(runtime):
-        raise UsageError(f"runtime is {runtime!r}, which needs {ACCELERATORS[runtime]}", field="runtime")
-    cards = ("cuda", "openvino-gpu") if runtime == "auto" else (runtime,)
-    card = next((name for name in cards if name in ACCELERATORS and has_accelerator(name)), None)
-    if card is not None:
-        if precision == "bf16":
-            raise UsageError("precision bf16 is for the processor; an accelerator computes in fp32", field="precision")
-        return Engine(cast(RuntimeName, card), "fp32", threads or processors(), folder)
     here = has_openvino()
     wide = has_bf16() or has_feature("avx512f")
     if runtime == "openvino" and not here:
@@ -304,7 +283,7 @@ def load_network(name: str, engine: Engine) -> Loaded:
     """What :func:`open_network` opens; raises as it does."""
     engine = engine.of(name)
     data = checked_bytes(name, engine.folder)
-    return (_openvino if engine.runtime.startswith("openvino") else _onnxruntime)(name, data, engine)
+    return (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
 
 
 def describe_network(name: str, folder: Path = MODELS) -> Description:
@@ -353,13 +332,12 @@ def _parse(name: str, text: str | None) -> Description:
 
 
 def _onnxruntime(name: str, data: bytes, engine: Engine) -> Loaded:
-    session = native_session(name, data, engine.threads, engine.folder, accelerator=engine.runtime)
+    session = native_session(name, data, engine.threads, engine.folder)
     description = _parse(name, session.get_modelmeta().custom_metadata_map.get(KEY))
     return description, lambda maps: np.asarray(session.run([OUTPUT], {INPUT: maps})[0], np.float32)
 
 
 def _openvino(name: str, data: bytes, engine: Engine) -> Loaded:
-    device = "GPU" if engine.runtime == "openvino-gpu" else "CPU"
     try:
         core = openvino_library().Core()
         model = core.read_model(data)
@@ -369,12 +347,9 @@ def _openvino(name: str, data: bytes, engine: Engine) -> Loaded:
         settings: dict[str, object] = {
             "NUM_STREAMS": engine.lanes(description),
             "INFERENCE_PRECISION_HINT": {"fp32": "f32", "bf16": "bf16"}[engine.precision],
+            "INFERENCE_NUM_THREADS": engine.threads,
         }
-        if device == "CPU":
-            settings["INFERENCE_NUM_THREADS"] = engine.threads
-            whole = _compiled(core, name, data, model, settings)
-        else:
-            whole = core.compile_model(model, device, settings)
+        whole = _compiled(core, name, data, model, settings)
         idle: SimpleQueue[Any] = SimpleQueue()
         for _ in range(engine.lanes(description)):
             idle.put(whole.create_infer_request())

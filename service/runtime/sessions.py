@@ -44,24 +44,6 @@ def has_openvino() -> bool:
     return importlib.util.find_spec("openvino") is not None
 
 
-PROVIDERS: dict[str, dict[str, dict[str, str]]] = {
-    # The same algorithms each time and full float32, as the same photo has to give the same bytes.
-    "cuda": {"CUDAExecutionProvider": {"cudnn_conv_algo_search": "DEFAULT", "use_tf32": "0"}},
-    "tensorrt": {"TensorrtExecutionProvider": {}, "CUDAExecutionProvider": {"use_tf32": "0"}},
-}
-"""onnxruntime's providers of each runtime that computes on a card, with their settings; what they lack goes on the
-processor."""
-
-
-@lru_cache
-def has_accelerator(runtime: str) -> bool:
-    """Whether the packages and the card are there that a runtime of an accelerator needs: "cuda", "openvino-gpu" ..."""
-    if runtime == "openvino-gpu":
-        return has_openvino() and any(name.startswith("GPU") for name in openvino_library().Core().available_devices)
-    card = any(Path("/dev").glob("nvidia[0-9]*"))
-    return card and set(PROVIDERS[runtime]) <= set(_runtime().get_available_providers())
-
-
 @lru_cache(maxsize=1)
 def openvino_library() -> Any:
     """OpenVINO, imported at first use.
@@ -254,19 +236,16 @@ def native_session(
     *,
     optimise: bool = True,
     in_order: bool = False,
-    accelerator: str = "",
 ) -> Any:
     """Session of onnxruntime for checked bytes, without a memory arena (it would keep the largest input for ever).
 
     With ``in_order`` nodes run in the order of the file. The runtime's own order begins at the outputs, which in a long
     sum keeps every term alive: five times the memory for light that is scattered (``service.light.formulas``).
-    ``accelerator`` is a name of ``PROVIDERS``; any other computes on the processor.
 
     Raises:
-        ModelFault: the runtime cannot load the graph, or not onto the accelerator.
+        ModelFault: the runtime cannot load the graph.
     """
     ort = _runtime()
-    providers = PROVIDERS.get(accelerator, {})
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
@@ -278,14 +257,11 @@ def native_session(
     if not optimise:
         options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
     try:
-        session = ort.InferenceSession(data, options, providers=[*providers.items(), "CPUExecutionProvider"])
+        return ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # the runtime's own exception types are not public
         if lacked_memory(error):
             raise OutOfMemory(f"the network {name} got no memory to be loaded") from error
         raise ModelFault(f"{folder / name}: the runtime cannot load this model ({error})") from error
-    if missing := [one for one in providers if one not in session.get_providers()]:  # it falls back without a word
-        raise ModelFault(f"{folder / name}: onnxruntime cannot use {', '.join(missing)}: are its libraries there?")
-    return session
 
 
 @lru_cache(maxsize=1)

@@ -15,7 +15,6 @@ from onnx import TensorProto, helper
 from service.errors import ModelFault, NumericFault, UsageError
 from service.runtime import networks
 from service.runtime.networks import (
-    ACCELERATORS,
     Description,
     Engine,
     RuntimeName,
@@ -25,7 +24,7 @@ from service.runtime.networks import (
     loading_ahead,
     open_network,
 )
-from service.runtime.sessions import checked_bytes, has_accelerator, has_openvino, native_session
+from service.runtime.sessions import has_openvino
 from tests.service.runtime.toynets import finish, toy_net, write_models
 
 RUNTIMES_HERE: tuple[RuntimeName, ...] = ("onnxruntime", "openvino") if has_openvino() else ("onnxruntime",)
@@ -159,38 +158,6 @@ def test_openvino_computes_the_same(folder: Path) -> None:
         for shape in ((1, 16, 16), (1, 40, 24), (1, 16, 16)):
             maps = rng.uniform(-1, 1, shape).astype(np.float32)
             np.testing.assert_allclose(other.run(maps), plain.run(maps), atol=1e-4)
-
-
-@pytest.mark.parametrize("runtime", sorted(ACCELERATORS))
-def test_an_accelerator_computes_the_same(folder: Path, runtime: str) -> None:
-    """Where there is one; else it is refused in words, and ``auto`` does without."""
-    if not has_accelerator(runtime):
-        with pytest.raises(UsageError, match=f"{runtime}.*needs"):
-            choose_engine(runtime)
-        assert choose_engine().runtime != runtime
-        pytest.skip(f"no {ACCELERATORS[runtime]} here")
-    chosen = choose_engine(runtime, threads=1, folder=folder)
-    maps = np.random.default_rng(0).uniform(-1, 1, (1, 40, 24)).astype(np.float32)
-    with open_network("one", engine(folder)) as plain, open_network("one", chosen) as other:
-        np.testing.assert_allclose(other.run(maps), plain.run(maps), atol=1e-4)
-
-
-def test_auto_takes_a_card_that_is_there_and_never_tensorrt(monkeypatch: pytest.MonkeyPatch) -> None:
-    for there, wanted in (({"cuda", "tensorrt"}, "cuda"), ({"openvino-gpu"}, "openvino-gpu")):
-        monkeypatch.setattr(networks, "has_accelerator", there.__contains__)
-        assert choose_engine().runtime == wanted
-        with pytest.raises(UsageError, match="bf16 is for the processor"):
-            choose_engine(precision="bf16")
-    assert choose_engine("onnxruntime").runtime == "onnxruntime", "whoever asks for the processor gets it"
-
-
-def test_a_card_whose_libraries_are_missing_is_no_silent_fallback(folder: Path) -> None:
-    """onnxruntime itself would take the processor."""
-    pytest.importorskip("onnxruntime")
-    if has_accelerator("cuda"):
-        pytest.skip("the card is there")
-    with pytest.warns(UserWarning, match="CUDAExecutionProvider"), pytest.raises(ModelFault, match="cannot use CUDA"):
-        native_session("one", checked_bytes("one", folder), 1, folder, accelerator="cuda")
 
 
 @pytest.fixture
