@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.arrays import Float32, Int64
+from service.arrays import Bool, Float32, Int64
 from service.colour import bytes_to_linear, luma, srgb_to_linear
 from service.face.fit.fit import Fit
 from service.face.reading.reader import Reading
@@ -26,12 +26,12 @@ from service.hair.guides import grow_several, grown
 from service.hair.kinds import GATHERED, KINDS, kinds_of
 from service.hair.reading import CELLS, HairNetwork, HairReading, read_hair
 from service.hair.scalp import Scalp
-from service.hair.shape import fitted, seen_share
-from service.hair.sight import Drawn, Sight, overlap
-from service.hair.style import LENGTHS, NAMED, Style, style_from_json
+from service.hair.shape import fitted, seen_share, upright
+from service.hair.sight import SHOWS, Drawn, Sight, overlap
+from service.hair.style import LENGTHS, NAMED, WAVES, Curl, Style, style_from_json
 from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
-from service.image_filters import blurred
+from service.image_filters import blurred, ramp
 from service.photo.photo import Photo
 
 UNREAD = "crop"
@@ -137,7 +137,10 @@ def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands:
     if matches is not None:
         doubts += ("hair-style-poor",) if agreement < POOR else ()
         doubts += ("hair-kind-doubtful",) if kinds.get(kind, 0.0) < DOUBTFUL else ()
-    return _coloured(WornHair(groom, kind, kinds, shown, agreement, doubts), photo, sight, person, asked, seed)
+    worn = _coloured(WornHair(groom, kind, kinds, shown, agreement, doubts), photo, seen, person, asked, seed)
+    if matches is None or sight is None or worn.groom is None:
+        return worn
+    return replace(worn, groom=upright(worn.groom, sight, skin))
 
 
 def _asked_style(asked: AskedHair) -> Style | None:
@@ -164,7 +167,7 @@ def _on_scalp(sight: Sight, skin: Scalp) -> tuple[float, float]:
 
 
 def _coloured(
-    found: WornHair, photo: Photo, sight: Sight | None, skin: Float32, asked: AskedHair, seed: int
+    found: WornHair, photo: Photo, told: SeenHair, skin: Float32, asked: AskedHair, seed: int
 ) -> WornHair:
     """The same in the photo's colours, in the photo's light; what was asked for is under white light."""
     groom: Groom | None = found.groom
@@ -173,7 +176,7 @@ def _coloured(
     if asked.colour != "auto":
         colour = asked_colour(asked.colour, len(groom), seed)
     else:
-        colour = painted(photo, sight, groom.strands, found.seen, skin, seed)
+        colour = painted(photo, told.read, told.sight, groom.strands, found.seen, skin, seed)
     doubts = found.doubts + (() if colour.measured else ("hair-colour-guessed",))
     return replace(found, groom=replace(groom, colour=colour), doubts=doubts, in_photo_light=asked.colour == "auto")
 
@@ -203,7 +206,10 @@ DARKEST, BRIGHTEST = 0.006, 0.75
 """Range of linear luminance of hair: what a photo shows darker lies in shadow."""
 
 
-def painted(photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, skin: Float32, seed: int) -> HairColour:
+def painted(
+    photo: Photo, read: HairReading | None, sight: Sight | None, strands: Float32, seen: Float32, skin: Float32,
+    seed: int,
+) -> HairColour:  # fmt: skip
     """Colours of strands in the photo's light: a strand's own where it is seen, else like those that are.
 
     Brightness is told strand by strand, without the slow changes over the head that are the photo's light. Hue follows
@@ -211,7 +217,8 @@ def painted(photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, 
 
     Args:
         photo: that was fitted.
-        sight: where its hair is; None where that is not known.
+        read: where its hair is, up to the edge of the photo; None where that is not known.
+        sight: the same beside the head.
         strands: (N, P, 3) metres, root first.
         seen: (N,) share of each that the photo shows.
         skin: (3,) linear RGB of the person's skin in the photo; hair is guessed from it where little is seen.
@@ -220,10 +227,10 @@ def painted(photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, 
     rng = np.random.default_rng([seed, 0xC01])
     count = len(strands)
     guess = np.log(np.maximum(skin * np.array([0.12, 0.09, 0.075], np.float32), 1e-4))
-    if sight is None:
+    if read is None or sight is None:
         return _guessed(guess, count, rng)
     pixels = bytes_to_linear(sight.region.cut(photo.pixels, PIXELS))
-    grown = np.kron(np.asarray(blurred(sight.hair, 0.8) > 0.75, np.float32), np.ones((3, 3), np.float32))
+    grown = np.kron(np.asarray(_well_within(read, photo), np.float32), np.ones((3, 3), np.float32))
     bright = np.log(np.maximum(luma(pixels), 1e-4))
     inner = (grown > 0.5) & (pixels.max(-1) < 0.98) & (pixels.max(-1) > BLACK)
     if int(inner.sum()) < LEAST_PIXELS:
@@ -245,6 +252,15 @@ def painted(photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, 
     level = np.clip(level + np.log(float(np.exp(bright[inner]).mean()) / float(np.exp(level).mean())), low, high)
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
     return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))), shine=SHINE)
+
+
+def _well_within(read: HairReading, photo: Photo) -> Bool:
+    """(CELLS, CELLS) cells of the photo's hair with hair around them; what lies beyond the photo does not count."""
+    whole, (height, width) = read.region.side / CELLS / 2, photo.pixels.shape[:2]
+    inside = ((read.cells >= whole) & (read.cells <= np.array([width, height]) - whole)).all(1).reshape(CELLS, CELLS)
+    hair = ramp(read.mask, SHOWS) * read.known * inside
+    around, shown = (blurred(np.asarray(one, np.float32), 0.8) for one in (hair, inside))
+    return np.asarray(inside & (around > 0.75 * shown))
 
 
 def _guessed(usual: Float32, count: int, rng: np.random.Generator) -> HairColour:
@@ -348,7 +364,14 @@ def choose(
             style = changes[one.style](style)
             together.append(style)
         best = min([helpful[0], *tried(together, sight, skin, seed, read)], key=lambda one: one.loss)
-    return best.style
+    return replace(best.style, curl=usual_curl(bank, matches))
+
+
+def usual_curl(bank: Bank, matches: Matches) -> Curl:
+    """The median of the likely styles' curls: neither a silhouette nor the guides that are tried tell it."""
+    types = list(WAVES)
+    own = np.tile([types.index(style.curl) for style in bank.styles], 2)
+    return types[int(np.searchsorted(np.cumsum(np.bincount(own, matches.probability, len(types))), 0.5))]
 
 
 def candidates(bank: Bank, matches: Matches, read: HairReading, likeliest: int) -> Int64:

@@ -31,8 +31,9 @@ CUT_SPREAD_M = 0.004
 """How unevenly scissors cut."""
 FACE_M = 0.058
 """Half the width of the face that long hair leaves free."""
-SHORT_FRINGE = 0.6
-"""Share of the length on top below which hair over the forehead is a fringe of its own."""
+SHORT_FRINGE, FRINGE_MM = 0.6, 150.0
+"""Share of the length on top, and length, below both of which hair over the forehead is a fringe of its own; what is
+longer falls beside the face with the rest."""
 Combing = Callable[[Float32, Float32], tuple[Float32, Float32]]
 """Says for points (N, 3) and the body's normals (N, 3) which way hair is combed, (N, 3) unit, and how sure, (N,)."""
 SIDES_RAD = 0.85
@@ -104,6 +105,10 @@ def _fringe(roots: Roots) -> Bool:
     return np.asarray((np.abs(roots.azimuth) < SIDES_RAD) & (roots.elevation < 1.0))
 
 
+def _has_fringe(style: Style) -> bool:
+    return style.fringe_mm < min(SHORT_FRINGE * style.top_mm, FRINGE_MM)
+
+
 def _forward(roots: Roots) -> Bool:
     """(N,) what falls before the shoulders where it is long enough; the rest falls behind them."""
     return np.asarray(np.abs(roots.azimuth) < 1.35)
@@ -117,7 +122,7 @@ def groups(style: Style, roots: Roots) -> Int64:
         (sides_of(style, roots) > 0) & split,
         _tied(style, roots) & (style.gather != "none"),
         _forward(roots) & (longest > 200) & (style.gather in LOOSE),
-        _fringe(roots) & (style.fringe_mm < SHORT_FRINGE * style.top_mm),
+        _fringe(roots) & _has_fringe(style),
     )
     return sum((part.astype(np.int64) << bit for bit, part in enumerate(parts)), np.zeros(len(roots), np.int64))
 
@@ -226,7 +231,7 @@ class _Hanging:
         front, rest = (np.tile(np.array(weights, np.float32), (len(roots), 1)) for weights in _COMBED[style.combing])
         if style.parting != "none" and style.combing in ("natural", "forward"):
             front[:, 0] += 0.8
-        fringe = _fringe(roots) & (style.combing == "forward" or style.fringe_mm < SHORT_FRINGE * style.top_mm)
+        fringe = _fringe(roots) & (style.combing == "forward" or _has_fringe(style))
         step = np.asarray(length / (GUIDE_POINTS - 1), np.float32)[:, None]
         # Hair from higher up lies over hair from below, so the body of hair gets its thickness.
         layer = 0.25 + 0.75 * smoothstep(roots.elevation, -0.6, 1.2)

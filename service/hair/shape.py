@@ -14,7 +14,7 @@ import numpy as np
 from service.arrays import Bool, Float32, Float64
 from service.geometry.nearest import Nearest
 from service.hair.groom import Groom, make_groom
-from service.hair.guides import Combing, bridge, met, recedes, resampled
+from service.hair.guides import CLEARANCE_M, DOWN, Combing, bridge, met, recedes, resampled
 from service.hair.reading import CELLS
 from service.hair.scalp import CENTRE, CROWN, Scalp, unit
 from service.hair.sight import Sight
@@ -60,7 +60,7 @@ FARTHEST_M = (0.03, 0.045)
 """How far the outline is moved at most, inwards and outwards."""
 INWARDS = 0.8
 """Share of its distance from the skin by which a strand comes nearer at most."""
-STANDS = 0.3
+STANDS = 0.5
 """Share of its length by which a strand is moved outwards at most."""
 SIDEWAYS_DEG = (140.0, 165.0)
 """Angle from upwards up to which outlines are matched, and from which on not at all: below lies the neck."""
@@ -253,10 +253,6 @@ FARTHEST_CELLS = 14.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm."""
 OVER_M = 0.005
 """How far above its root a strand is bent at most beside a bald top."""
-BEYOND_CELLS = 1.5
-"""Distance from the drawn strands from which on a lock that is bent off the skull would stand alone: 6 mm."""
-TEMPLE_M = 0.065
-"""Height up to which it may stand off by less than that."""
 STEEP_M = 0.015
 """Range of the skin's depth in a cell and its neighbours from which on it is steep."""
 OFF_M = (0.002, 0.008)
@@ -292,8 +288,7 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     column, row = cells.astype(int).T
     # A lock that is bent off the skull stands there alone: there, the outline is moved as a whole.
     height = strands[some[near // len(places)], places[near % len(places)], 1]
-    most = np.where(apart > BEYOND_CELLS, HANGS_BELOW_M, TEMPLE_M)
-    stands = ~np.isfinite(sight.behind[row, column]) & (height > most)
+    stands = ~np.isfinite(sight.behind[row, column]) & (height > HANGS_BELOW_M)
     reached = (apart < FARTHEST_CELLS) & ~stands
     cells, near = cells[reached], near[reached]
     strand, place = some[near // len(places)], places[near % len(places)]
@@ -405,3 +400,40 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     moved = np.concatenate([moved[:, :1], skin.over_ears.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)
     return groom, seen_share(groom.strands, sight)
+
+
+DEEP_M = 0.01
+"""How deep hair may lie in the body when it has been turned; else it is turned by half, or not."""
+HANGS_OFF_M, HANGS_LOW_M, HANGS_GRAVITY = (0.01, 0.03), (-0.02, -0.07), 0.3
+"""Distances from the body, and heights, between which hair begins to hang free, and the gravity of a style from which
+on all of it does."""
+
+
+def upright(groom: Groom, sight: Sight, skin: Scalp) -> Groom:
+    """The groom of a head that is tilted in the photo, as it hangs when the head is held upright.
+
+    What hangs free is turned to the head's own downwards, by no more than the tilt; what lies on the skull, and what
+    the photo did not draw aside, stays as it is.
+    """
+    if not len(groom) or groom.style.gather == "bun":
+        return groom
+    right, down, forward = sight.camera.rotation.astype(np.float32)
+    tilt = float(np.arctan2(right[1], -down[1]))  # from the photo's downwards to the head's, round the camera's axis
+    points, pieces = groom.strands[:, :-1], np.diff(groom.strands, axis=1)
+    off = smoothstep(skin.outside(points), *HANGS_OFF_M)
+    free = np.maximum.accumulate(np.maximum(off, smoothstep(points[..., 1], *HANGS_LOW_M)), 1)[..., None]
+    hangs = (free * pieces).sum(1)
+    # Of the whole strand: pieces of a curl run anywhere.
+    aside = np.arctan2(np.cross(hangs, DOWN) @ forward, hangs @ (DOWN - (DOWN @ forward) * forward))
+    turn = np.clip(aside, min(tilt, 0), max(tilt, 0)) * min(groom.style.gravity / HANGS_GRAVITY, 1)
+    along = (pieces @ forward)[..., None] * forward
+    across = pieces - along
+    hung = groom.strands[:, 1:]
+    for part in (0.5, 1.0):
+        angle = part * turn[:, None, None] * free
+        turned = along + np.cos(angle) * across + np.sin(angle) * np.cross(forward, across)
+        lower = groom.strands[:, :1] + np.cumsum(turned, 1)
+        clear = skin.outside(lower).min(1) > -DEEP_M
+        hung = np.where(clear[:, None, None], lower, hung)
+    hung = np.where(turn[:, None, None] != 0, skin.over_ears.pushed(hung, CLEARANCE_M, DEEP_M), hung)
+    return dataclasses.replace(groom, strands=np.concatenate([groom.strands[:, :1], hung], 1))

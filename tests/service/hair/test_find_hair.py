@@ -21,7 +21,7 @@ from service.hair.groom import make_groom
 from service.hair.kinds import LENGTHS
 from service.hair.reading import CELLS
 from service.hair.scalp import Scalp
-from service.hair.shape import filled, fitted, one_plait, seen_share, seen_thinning, to_hairline, trimmed
+from service.hair.shape import filled, fitted, one_plait, seen_share, seen_thinning, to_hairline, trimmed, upright
 from service.hair.sight import Sight, overlap
 from service.hair.style import LENGTHS as LENGTH_NAMES
 from service.hair.style import NAMED, Style, style_to_json
@@ -220,7 +220,9 @@ def test_the_photos_colour_is_taken_without_its_light(name: str) -> None:
     colour = np.median(shining.linear()[0], 0)
     gradient = np.broadcast_to(np.linspace(0.6, 1.5, 112), (112, 112))
     share = np.ones(len(seen.groom), np.float32)
-    found = painted(picture_of(colour, gradient), seen.sight, seen.groom.strands, share, USUAL_SKIN, 0)
+    found = painted(
+        picture_of(colour, gradient), seen.reading, seen.sight, seen.groom.strands, share, USUAL_SKIN, 0
+    )  # fmt: skip
     linear = found.linear()
     np.testing.assert_allclose(np.median(linear.reshape(-1, 3), 0), colour, rtol=0.35, atol=0.004)
     left = linear[seen.groom.strands[:, -1, 0] > 0.05].mean(), linear[seen.groom.strands[:, -1, 0] < -0.05].mean()
@@ -234,9 +236,43 @@ def test_shadow_that_is_crushed_to_black_is_no_black_hair() -> None:
     auburn = np.array([0.12, 0.04, 0.012], np.float32)
     shade = np.broadcast_to(np.where(np.arange(112) % 5 < 3, 0.01, 1.0), (112, 112))
     share = np.ones(len(seen.groom), np.float32)
-    found = painted(picture_of(auburn, shade), seen.sight, seen.groom.strands, share, USUAL_SKIN, 0)
+    found = painted(
+        picture_of(auburn, shade), seen.reading, seen.sight, seen.groom.strands, share, USUAL_SKIN, 0
+    )  # fmt: skip
     red, _, blue = np.median(found.linear().reshape(-1, 3), 0)
     assert red > 0.04 and red > 3 * blue
+
+
+def test_hair_at_the_edge_of_the_photo_tells_its_colour() -> None:
+    """Only its cut-off edge is in the photo: what lies beyond was counted as bare around it, and it was guessed."""
+    seen = photographed(NAMED["bob"], 3, HEAD)
+    grey, share = np.full(3, 0.2, np.float32), np.ones(len(seen.groom), np.float32)
+    hair = np.argwhere(seen.reading.mask > 0.9)
+    top = int(np.median(hair[:, 0]))
+    region = dataclasses.replace(seen.reading.region, y=seen.reading.region.y - top)
+    reading = dataclasses.replace(seen.reading, region=region)
+    sight = dataclasses.replace(seen.sight, region=region)
+    assert painted(picture_of(grey), reading, sight, seen.groom.strands, share, USUAL_SKIN, 0).measured
+
+
+def test_hair_of_a_tilted_head_hangs_down_when_it_is_held_upright() -> None:
+    """It hung straight down in the photo, and stood off the upright head to the side."""
+    seen = photographed(NAMED["long_wavy"], 3, HEAD)
+    tilt = np.radians(25.0)
+    turn = np.array([[np.cos(tilt), -np.sin(tilt), 0], [np.sin(tilt), np.cos(tilt), 0], [0, 0, 1]])
+    camera = dataclasses.replace(seen.sight.camera, rotation=seen.sight.camera.rotation @ turn)
+    down = camera.rotation.T @ np.array([0.0, 1.0, 0.0])  # the photo's downwards in the head's frame
+    aside = seen.groom.strands.copy()
+    low = aside[..., 1] < -0.06
+    aside[..., 0] += np.where(low, (-0.06 - aside[..., 1]) * down[0] / -down[1], 0).astype(np.float32)
+    tilted = dataclasses.replace(seen.groom, strands=aside)
+    drift = seen.groom.strands[:, -1, 0]
+    hung = upright(tilted, dataclasses.replace(seen.sight, camera=camera), SKIN)
+    long = low.sum(1) > 8
+    before, after = (np.abs(one[long, -1, 0] - drift[long]).mean() for one in (aside, hung.strands))
+    assert before > 0.03 and after < 0.5 * before
+    np.testing.assert_allclose(hung.strands[:, 0], aside[:, 0], atol=1e-6)
+    np.testing.assert_allclose(upright(tilted, seen.sight, SKIN).strands, aside, atol=1e-6)
 
 
 def test_brown_hair_under_a_blue_sky_is_brown() -> None:
