@@ -32,6 +32,7 @@ from service.face.fit.fit import Fit, FitSettings
 from service.face.fit.fit_face import fit_face, fit_views
 from service.face.profile import faces_by_reading
 from service.face.reading.reader import ReaderNetwork, Readers, Reading, View, read_face
+from service.face.several import read_view
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.photo import Photo
@@ -101,8 +102,8 @@ def load_shots(folder: Path, readers: Readers | None = None) -> tuple[list[Shot]
         faces = faces or faces_by_reading(pixels, finder.doubted(pixels), head, networks.pixels)
         missed += not faces
         if faces:
-            reading = read_face(pixels, faces[0].landmarks, networks)
-            shots.append(Shot(path.stem, Photo(pixels), faces[0], reading, Truth.load(str(path))))
+            view = read_view(View(Photo(pixels), faces[0]), networks, head)
+            shots.append(Shot(path.stem, view.photo, view.face, view.reading, Truth.load(str(path))))
     return shots, missed
 
 

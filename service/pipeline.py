@@ -143,7 +143,7 @@ def make_avatar(
             head, chart = placed.result()
             pool.submit(_read_tables, head, options.map_size)  # while the fit leaves a core idle
             if reads:
-                gathered = kept("read", read_all, gathered, networks.readers())
+                gathered = kept("read", read_all, gathered, networks.readers(), head)
             gathered = kept("fit", fitted, gathered, head, options.fit_settings())
             photo, face, reading, fit = gathered.first
             if options.mouth == "shut":

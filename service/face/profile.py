@@ -1,4 +1,5 @@
-"""Faces that the landmark network does not see: from 60 degrees of yaw on, its presence falls though a face is there.
+"""Faces that the landmark network does not see, or sees turned too little: from 60 degrees of yaw on, its presence
+falls though a face is there, and its landmarks stop short of the head's turn.
 
 The detector still finds them, and the reader, which was taught with heads turned by up to 75 degrees, says of every
 pixel which place of the head it shows. Its places give a pose, and the pose the landmarks that the fit starts from.
@@ -6,7 +7,7 @@ pixel which place of the head it shows. Its places give a pose, and the pose the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,10 +15,10 @@ from service.arrays import Float64, UInt8
 from service.errors import NumericFault
 from service.face.detection import Detection
 from service.face.finder import LANDMARK_COUNT, Face, photo_warnings
-from service.face.fit.dense import Correspondences, correspondences
+from service.face.fit.dense import correspondences
 from service.face.fit.landmark_fit import LandmarkModel, at_barycentric
 from service.face.fit.solver import State, WeakPose, weak_pose
-from service.face.reading.reader import ReaderNetwork, crop_of
+from service.face.reading.reader import ReaderNetwork, Reading, crop_of
 from service.face.region import Region
 from service.head.model import HeadModel
 from service.robust import geman_mcclure
@@ -32,6 +33,9 @@ FEWEST_CELLS = 1000
 """Fewest cells with a place on the head, of 4096, that make a face: profiles have 1500 to 2500."""
 AGREEMENT, NEAR_MM = 0.6, 8.0
 """Least share of the cells that lie within so many millimetres of the average head in the pose found."""
+TURNED_DEG, FURTHER_DEG = 45.0, 17.0
+"""Turn of the landmarks from which on they may be a guess, and by how much further the reader sees the head turned
+where they are: right ones fit the shape better than the reader's, by a tenth."""
 REACH_M = 0.012
 """Distance on the head over which a landmark follows the cells around it, metres."""
 
@@ -77,6 +81,24 @@ def faces_by_reading(pixels: UInt8, doubted: list[Detection], head: HeadModel, n
     return []
 
 
+def turned_further(face: Face, reading: Reading, head: HeadModel) -> Face:
+    """The face; with the reader's landmarks and ``landmarks-read`` where it sees the head turned much further.
+
+    Args:
+        face: with landmarks of the landmark network.
+        reading: read in the crop of these.
+        head: average head with the landmark embedding.
+    """
+    model = LandmarkModel(head, 0)
+    told = _yaw_deg(weak_pose(model.at_yaw(0.0).mean, face.landmarks[:, :2], np.ones(LANDMARK_COUNT)))
+    if abs(told) < TURNED_DEG:
+        return face
+    seen = _profile(head, model, reading)
+    if seen is None or seen.share < AGREEMENT or seen.yaw_deg * np.sign(told) < abs(told) + FURTHER_DEG:
+        return face
+    return replace(face, landmarks=seen.landmarks, presence=0.0, warnings=("landmarks-read", *face.warnings))
+
+
 def _inside(detection: Detection, pixels: UInt8) -> float:
     """Share of a box's area that lies in the photo."""
     size = np.array(pixels.shape[1::-1], np.float64)
@@ -97,17 +119,17 @@ def look(
             reading = network(pixels, crop)
         except NumericFault:
             return None
-        ahead = State(np.diag([1.0, -1.0, -1.0]), np.zeros(2), 0.0, 0.0, np.zeros(0))  # places need no pose
-        found = correspondences(head, reading, ahead, np.zeros(2))
-        seen = _seen(head, model, found)
+        seen = _profile(head, model, reading)
         if seen is None:
             return None
         crop = crop_of(seen.landmarks)
     return seen
 
 
-def _seen(head: HeadModel, model: LandmarkModel, found: Correspondences) -> Profile | None:
+def _profile(head: HeadModel, model: LandmarkModel, reading: Reading) -> Profile | None:
     """Pose of the average head on the cells, and its landmarks in that pose, moved with the cells around them."""
+    ahead = State(np.diag([1.0, -1.0, -1.0]), np.zeros(2), 0.0, 0.0, np.zeros(0))  # places need no pose
+    found = correspondences(head, reading, ahead, np.zeros(2))
     if len(found.pixels) < 4:
         return None
     points = at_barycentric(head.mean, found.corners, found.weights)
@@ -123,7 +145,7 @@ def _seen(head: HeadModel, model: LandmarkModel, found: Correspondences) -> Prof
         pose = weak_pose(points, found.pixels, weight)
     off = found.pixels - _shown(pose, points)[:, :2]
     agrees = np.linalg.norm(off, axis=1) < NEAR_MM * 1e-3 * pose.scale
-    yaw = float(np.degrees(np.arctan2(pose.rotation[2, 0], -pose.rotation[2, 2])))
+    yaw = _yaw_deg(pose)
     places = model.at_yaw(yaw).mean
     landmarks = _shown(pose, places)
     if landmarks.shape != (LANDMARK_COUNT, 3) or not np.isfinite(landmarks).all():
@@ -133,6 +155,10 @@ def _seen(head: HeadModel, model: LandmarkModel, found: Correspondences) -> Prof
     typical = float(np.median(certain))  # a landmark without cells around it stays where the pose has it
     landmarks[:, :2] += near @ off / (total + max(typical, 1e-12))
     return Profile(landmarks, float(agrees.mean()), len(points), yaw)
+
+
+def _yaw_deg(pose: WeakPose) -> float:
+    return float(np.degrees(np.arctan2(pose.rotation[2, 0], -pose.rotation[2, 2])))
 
 
 def _shown(pose: WeakPose, points: Float64) -> Float64:

@@ -21,6 +21,7 @@ from service.face.finder import Face, FaceFinder
 from service.face.fit.fit import Fit, FitSettings
 from service.face.fit.fit_face import fit_views
 from service.face.identity import Recogniser, distance
+from service.face.profile import turned_further
 from service.face.reading.reader import Readers, Reading, View, read_face
 from service.head.model import HeadModel
 from service.manifest import LeftOut
@@ -292,12 +293,18 @@ def of_one_person(
     return gathered.without(dict.fromkeys(strange, other))
 
 
-def read_all(gathered: Gathered, readers: Readers) -> Gathered:
-    """All that is read off each photo."""
-    views = (
-        replace(view, reading=read_face(view.photo.pixels, view.face.landmarks, readers)) for view in gathered.views
-    )
-    return replace(gathered, views=tuple(views))
+def read_view(view: View, readers: Readers, head: HeadModel) -> View:
+    """With all that is read off a photo; again, where that shows that the landmarks of a profile are a guess."""
+    pixels, face = view.photo.pixels, view.face
+    reading = read_face(pixels, face.landmarks, readers)
+    if reading is not None and (turned := turned_further(face, reading, head)) is not face:
+        face, reading = turned, read_face(pixels, turned.landmarks, readers)
+    return replace(view, face=face, reading=reading)
+
+
+def read_all(gathered: Gathered, readers: Readers, head: HeadModel) -> Gathered:
+    """:func:`read_view` of each photo."""
+    return replace(gathered, views=tuple(read_view(view, readers, head) for view in gathered.views))
 
 
 def fitted(gathered: Gathered, head: HeadModel, settings: FitSettings) -> Gathered:

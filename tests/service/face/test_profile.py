@@ -11,8 +11,8 @@ from service.errors import NumericFault
 from service.face.detection import Detection
 from service.face.finder import Face
 from service.face.fit.landmark_fit import LandmarkModel
-from service.face.profile import CROP, faces_by_reading, look
-from service.face.reading.reader import ReaderNetwork, Reading
+from service.face.profile import CROP, faces_by_reading, look, turned_further
+from service.face.reading.reader import ReaderNetwork, Reading, crop_of
 from service.face.region import Region
 from service.head.model import HeadModel
 from tests.service.face.conftest import Pixels
@@ -87,3 +87,11 @@ def test_nonsense_gives_finite_landmarks_or_none(
 def test_a_reader_without_numbers_sees_nothing(head: HeadModel, portrait: Pixels, face: Face) -> None:
     region = around(face).region(CROP)
     assert look(portrait, region, head, LandmarkModel(head, 0), Broken()) is None
+
+
+def test_a_face_from_the_front_keeps_its_landmarks(
+    head: HeadModel, network: ReaderNetwork, portrait: Pixels, face: Face
+) -> None:
+    region = crop_of(face.landmarks)
+    assert region is not None
+    assert turned_further(face, network(portrait, region), head) is face

@@ -12,7 +12,8 @@ from benchmarks.states import openings_mm
 from service.face.finder import Face, FaceFinder
 from service.face.fit.fit import Fit
 from service.face.fit.fit_face import fit_face
-from service.face.profile import faces_by_reading
+from service.face.fit.landmark_fit import LandmarkModel
+from service.face.profile import faces_by_reading, turned_further
 from service.face.reading.part_labels import BEARD, GLASSES, HAIR, HAT, OTHER
 from service.face.reading.reader import Readers, Reading, read_face
 from service.head.files import load_head
@@ -85,6 +86,27 @@ def test_a_profile_is_turned_as_in_the_photo_and_says_that_it_is_uncertain(name:
     assert abs(abs(yaw) - abs(TRUTH[name]["yaw_deg"])) < 20
     assert "landmarks-read" in read(name)[1].warnings
     assert "low-confidence" in fitted(name).warnings
+
+
+def turned_to(head: HeadModel, yaw_deg: float, face: Face) -> Face:
+    """The face with the average head's landmarks, turned so far about the middle of its own."""
+    turn = np.radians(yaw_deg)
+    rotation = np.array([[np.cos(turn), 0, np.sin(turn)], [0, -1, 0], [np.sin(turn), 0, -np.cos(turn)]])
+    points = LandmarkModel(head, 0).at_yaw(yaw_deg).mean @ rotation.T
+    scale = np.ptp(face.landmarks[:, 1]) / np.ptp(points[:, 1])
+    return replace(face, landmarks=scale * (points - points.mean(0)) + face.landmarks.mean(0), warnings=())
+
+
+def test_landmarks_that_stop_short_of_a_profile_are_read_anew(head: HeadModel) -> None:
+    """Such heads came out turned by 60 degrees, broken where they bent to reach the rest."""
+    _, face, reading = read("dim_profile")
+    yaw = fitted("dim_profile").camera.yaw_pitch_roll_deg()[0]
+    found = turned_further(turned_to(head, yaw + 22, face), reading, head)
+    assert found.warnings == ("landmarks-read",)
+    apart = np.linalg.norm(found.landmarks[:, :2] - face.landmarks[:, :2], axis=1)
+    assert np.median(apart) < 0.05 * np.ptp(face.landmarks[:, 1])
+    right = turned_to(head, yaw + 2, face)
+    assert turned_further(right, reading, head) is right
 
 
 def test_closed_eyes_are_closed_and_open_ones_open(head: HeadModel) -> None:
