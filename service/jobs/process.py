@@ -175,16 +175,14 @@ def keep_private(folder: Path) -> None:
 
 
 def give_back_memory() -> None:
-    """Have large blocks returned to the system as soon as they are free, where the allocator is glibc's.
+    """Have large blocks returned to the system as soon as they are free.
 
-    It would raise the size from which it does so with every photo that passes through, and then keep what was freed, in
-    a heap of its own for each thread.
+    glibc would raise the size from which it does so with every photo that passes through, and then keep what was freed,
+    in a heap of its own for each thread.
     """
-    from service.runtime.sessions import MMAP_THRESHOLD, glibc
+    from service.runtime.sessions import GLIBC, MMAP_THRESHOLD
 
-    libc = glibc()
-    if libc is not None:
-        libc.mallopt(MMAP_THRESHOLD, _LARGE)
+    GLIBC.mallopt(MMAP_THRESHOLD, _LARGE)
 
 
 TICK, WEIGHED = 0.2, 1.0

@@ -5,13 +5,13 @@ before the runtime sees it.
 
 OpenVINO is installed by default on Linux on x86-64 only.
 
-Memory is given back when it is freed, with the C library of most Linux systems: glibc keeps freed blocks of up to 32
-MiB for later ones. The tensors of a network that takes a whole map are of about that size and come and go by the dozen,
-and what is kept lies in pieces: measured, a body of zeta that needs 0.2 GB took 0.6 to 2.2 GB. Within
-:func:`prompt_release` larger blocks come from the system and go back to it at once. That costs time for fresh pages, a
-second for zeta's body, so it is not for networks that run in many tiles; what those leave behind goes back when they
-are done, by :func:`release`. Every thread would have a heap of its own, with its own freed blocks; :func:`few_heaps`
-has all share ``HEAPS``, which takes a draft a quarter less memory and no more time.
+Memory is given back when it is freed: glibc keeps freed blocks of up to 32 MiB for later ones. The tensors of a network
+that takes a whole map are of about that size and come and go by the dozen, and what is kept lies in pieces: measured, a
+body of zeta that needs 0.2 GB took 0.6 to 2.2 GB. Within :func:`prompt_release` larger blocks come from the system and
+go back to it at once. That costs time for fresh pages, a second for zeta's body, so it is not for networks that run in
+many tiles; what those leave behind goes back when they are done, by :func:`release`. Every thread would have a heap of
+its own, with its own freed blocks; :func:`few_heaps` has all share ``HEAPS``, which takes a draft a quarter less memory
+and no more time.
 """
 
 from __future__ import annotations
@@ -60,6 +60,9 @@ def openvino_library() -> Any:
     return openvino
 
 
+GLIBC = ctypes.CDLL(None)
+"""The C library; onnxruntime and OpenVINO are made for this one only."""
+
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
 """Parameters of mallopt(3)."""
 
@@ -79,48 +82,36 @@ _CV_NO_MEMORY = -4
 
 @contextmanager
 def prompt_release() -> Iterator[None]:
-    """Give freed blocks of more than ``SMALL`` bytes back at once; other C libraries are left as they are."""
-    libc = glibc()
-    if libc is None:
-        yield
-        return
-    libc.mallopt(MMAP_THRESHOLD, SMALL)
+    """Give freed blocks of more than ``SMALL`` bytes back at once."""
+    GLIBC.mallopt(MMAP_THRESHOLD, SMALL)
     try:
         yield
     finally:
-        # A threshold that was set once no longer adapts, nor does the other: both go to what they adapt to.
-        libc.mallopt(MMAP_THRESHOLD, LARGE)
-        libc.mallopt(TRIM_THRESHOLD, 2 * LARGE)
+        _usual_thresholds()
         release()
 
 
 def few_heaps() -> None:
-    """Have threads that are yet to begin share ``HEAPS`` heaps; other C libraries are left as they are."""
-    libc = glibc()
-    if libc is not None:
-        libc.mallopt(ARENA_MAX, HEAPS)
-        libc.mallopt(MMAP_THRESHOLD, LARGE)
-        libc.mallopt(TRIM_THRESHOLD, 2 * LARGE)
+    """Have threads that are yet to begin share ``HEAPS`` heaps."""
+    GLIBC.mallopt(ARENA_MAX, HEAPS)
+    _usual_thresholds()
+
+
+def _usual_thresholds() -> None:
+    """A threshold that was set once no longer adapts, nor does the other: both go to what they adapt to."""
+    GLIBC.mallopt(MMAP_THRESHOLD, LARGE)
+    GLIBC.mallopt(TRIM_THRESHOLD, 2 * LARGE)
 
 
 def release() -> None:
-    """Give what was freed and kept for later back to the system; other C libraries are left as they are."""
-    libc = glibc()
-    if libc is not None:
-        libc.malloc_trim(0)
+    """Give what was freed and kept for later back to the system."""
+    GLIBC.malloc_trim(0)
 
 
 def lacked_memory(error: BaseException) -> bool:
     """Whether a library's exception says that it got no memory: only Python and numpy have a type for that."""
     insufficient = type(error).__module__ == "cv2" and getattr(error, "code", 0) == _CV_NO_MEMORY
     return isinstance(error, MemoryError) or insufficient or any(words in str(error) for words in _NO_MEMORY)
-
-
-@lru_cache(maxsize=1)
-def glibc() -> Any:
-    """The C library where it is glibc, else None."""
-    library = ctypes.CDLL(None)
-    return library if hasattr(library, "gnu_get_libc_version") and hasattr(library, "mallopt") else None
 
 
 MODELS = Path(str(files("service"))) / "data" / "models"

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from service.errors import ModelFault, NumericFault
-from service.runtime import sessions as memory
 from service.runtime.sessions import (
     MODELS,
     has_openvino,
@@ -110,7 +109,6 @@ with prompt_release() if sys.argv[1] == "prompt" else contextlib.nullcontext():
 """
 
 
-@pytest.mark.skipif(memory.glibc() is None, reason="the C library is not glibc")
 def test_freed_blocks_go_back_at_once_or_when_told() -> None:
     """Left alone, the C library keeps 200 MB for later; if it ever does not, the measure can go."""
     kept = {}
