@@ -71,7 +71,7 @@ def median_residual(residuals: list[Float]) -> Float:
     if len(residuals) < FEWEST_FACES:
         raise ValueError(f"{len(residuals)} faces seen from the front; at least {FEWEST_FACES} are needed")
     faces = np.stack(residuals)
-    return np.asarray(np.median(np.concatenate([faces, faces[:, list(MIRROR)] * [-1.0, 1.0]]), axis=0))
+    return np.asarray(np.median(np.concatenate([faces, faces[:, MIRROR] * [-1.0, 1.0]]), axis=0))
 
 
 def moved(head: HeadModel, shift: Float) -> HeadModel:
