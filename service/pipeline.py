@@ -55,6 +55,7 @@ from service.materials.part import coarser
 from service.options import Options
 from service.photo.photo import Photo
 from service.reflectance.albedo.albedo_prior import albedo_prior, error_model
+from service.reflectance.albedo.corrections import Ledger
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.relief.folds import AGES
@@ -151,7 +152,8 @@ def make_avatar(
         with stage("hair"):
             # What needs no hair is made beside it.
             others = [(view.photo, other, view.reading) for view, other in gathered.others]
-            known = pool.submit(Unwrappings.of, chart, [(photo, fit, reading), *others])
+            ledger = Ledger(options.without)
+            known = pool.submit(Unwrappings.of, chart, [(photo, fit, reading), *others], ledger)
             subject = pool.submit(Subject.fitted, head, fit) if plan.stages else None
             small = options.map_size[0] * options.map_size[1] <= SMALL_MAP
             flesh = pool.submit(flesh_mm, head, fit.vertices) if "thickness" in options.maps and small else None
@@ -240,6 +242,7 @@ def make_avatar(
                 roots=lambda: left_by_roots(texture, hair.result()),
                 coloured=draw_early,
             )
+            reflectance = replace(reflectance, corrections=(*ledger.applied, *reflectance.corrections))
             stage.timings |= reflectance.timings_s
         thick = None if flesh is None else flesh.result()
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size, thick)

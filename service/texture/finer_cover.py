@@ -19,6 +19,7 @@ from service.colour import LUMA, linear_to_srgb, srgb_to_linear
 from service.face.reading.part_labels import BEARD, BROW, GLASSES, HAIR, HAT, IRIS, LIP, MOUTH, SCLERA, SKIN
 from service.geometry.chart import Chart
 from service.image_filters import blurred
+from service.reflectance.albedo.corrections import Correction
 from service.robust import smoothstep
 from service.texture.unwrap import Unwrapped, Zones, wears_glasses
 
@@ -172,6 +173,11 @@ MOST_TINT = 2.5
 """Most that a channel is brightened more than luminance is."""
 
 
+HAT_SHADOW = Correction(
+    name="hat-shadow",
+    mends="The shadow below a hat's brim stays in the texture, and is continued over the forehead that the hat hides.",
+    cases=("cap",),
+)
 WORN = 0.05
 """Texels below a hat over those of bare skin from which on one is worn: a fringe was taken for one in up to 0.013."""
 

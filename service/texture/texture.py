@@ -25,9 +25,10 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
+from service.reflectance.albedo.corrections import SEEN_CHANGE, Ledger
 from service.robust import smoothstep
 from service.texture.blending import Blend, Layer, blend
-from service.texture.finer_cover import finer_cover, in_the_dark, out_of_shadow
+from service.texture.finer_cover import HAT_SHADOW, finer_cover, in_the_dark, out_of_shadow
 from service.texture.inpainting import Completed, complete_skin
 from service.texture.part_colours import Parts, paint_parts
 from service.texture.unwrap import (
@@ -218,8 +219,15 @@ class Unwrappings:
     normals: Float32
 
     @classmethod
-    def of(cls, chart: Chart, views: Sequence[tuple[Photo, Fit, Reading | None]]) -> Unwrappings:
+    def of(
+        cls, chart: Chart, views: Sequence[tuple[Photo, Fit, Reading | None]], ledger: Ledger | None = None
+    ) -> Unwrappings:
         """Unwrap photos, each with its own fit of the head, the first with that of the texture.
+
+        Args:
+            chart: of the head.
+            views: the photos, with what was read in them.
+            ledger: which corrections run; it counts the texels that they change. None: all run.
 
         Raises:
             NumericFault: vertices or a camera are not finite.
@@ -227,7 +235,7 @@ class Unwrappings:
         for _, fit, _ in views:
             _require_finite(fit)
         zones, vertices = Zones.of(chart), views[0][1].vertices
-        sights = tuple(_sight(chart, zones, *view) for view in views)
+        sights = tuple(_sight(chart, zones, *view, ledger or Ledger()) for view in views)
         return cls(zones, sights, chart.fill_outside(chart.normals(vertices)))
 
 
@@ -306,7 +314,7 @@ _LAYER = ("unwrapped", "parts", "weight", "found")
 
 
 def _sight(
-    chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None
+    chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None, ledger: Ledger
 ) -> tuple[Unwrapped, Float32, Float32, Float32]:
     """One of the sights of :class:`Unwrappings`."""
     unwrapped = unwrap(photo, fit, chart)
@@ -314,8 +322,12 @@ def _sight(
         nothing = np.zeros_like(unwrapped.weight)
         return unwrapped, parts_of_face(chart, unwrapped, zones), nothing, nothing
     part = parts_at(reading, fit, unwrapped)
-    colour, lost = out_of_shadow(chart, unwrapped, part, zones)
-    unwrapped = replace(unwrapped, colour=colour)
+    lost: Float32 | float = 0.0
+    if ledger.runs(HAT_SHADOW):
+        colour, lost = out_of_shadow(chart, unwrapped, part, zones)
+        changed = np.abs(colour - unwrapped.colour).max(1) > SEEN_CHANGE
+        ledger.count(HAT_SHADOW, int(changed.sum()), len(changed))
+        unwrapped = replace(unwrapped, colour=colour)
     read = chart, unwrapped, part, zones
     dark = in_the_dark(*read)
     cover = np.maximum(np.maximum(finer_cover(*read), lost), dark * (1 - zones.face))  # black beside it may be a collar

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.face.reading.part_labels import SCLERA
+from service.face.reading.part_labels import HAT, SCLERA
 from service.face.reading.part_labels import SKIN as SKIN_READ
 from service.geometry.chart import Chart
 from service.map_registry import SEEN
 from service.photo.photo import Photo
+from service.reflectance.albedo.corrections import Ledger
+from service.texture.finer_cover import HAT_SHADOW
 from service.texture.texture import Texture, Unwrappings, make_texture
 from service.texture.unwrap import Zones
 from tests.service.texture.scenes import SKIN, checks, fitted, photograph, plain, read_off, turned
@@ -84,6 +86,22 @@ def test_a_black_collar_that_was_read_as_skin_does_not_blacken_the_neck(monkeypa
     neck = (known.sights[0][0].weight > 0.2) & (place[:, 1] < low - 0.004)
     assert neck.sum() > 50
     assert np.median(texture.texture[np.unravel_index(CHART.texels[neck], SKIN_MASK.shape)]) > 80
+
+
+def test_the_shadow_of_a_hat_is_taken_off_and_counted_unless_that_is_switched_off() -> None:
+    """A rule that nobody can switch off cannot be put on trial."""
+    hat, brim = 0.035, 0.0
+    shaded = photograph(HEAD, turned(0), lambda points: np.where(points[:, 1:2] > brim, 0.5, 1.0) * SKIN)
+    reading = read_off(HEAD, turned(0), lambda points: np.where(points[:, 1] > hat, HAT, _parts(points)))
+    views = [(shaded, fitted(HEAD, turned(0)), reading)]
+    ledger, switched_off = Ledger(), Ledger([HAT_SHADOW.name])
+    taken, left = (Unwrappings.of(CHART, views, one).sights[0][0] for one in (ledger, switched_off))
+    height = POINTS[CHART.texels // CHART.width, CHART.texels % CHART.width, 1]
+    below = (taken.weight > 0.2) & (height > brim + 0.01) & (height < hat - 0.01) & (Zones.of(CHART).face > 0.5)
+    assert below.sum() > 50
+    assert np.abs(np.median(taken.colour[below], 0) - SKIN).max() < 0.08
+    assert np.abs(np.median(left.colour[below], 0) - 0.5 * np.array(SKIN)).max() < 0.02
+    assert ledger.applied[0].changed >= below.sum() and not switched_off.applied
 
 
 def test_unseen_half_is_the_mirror_image() -> None:
