@@ -34,6 +34,7 @@ from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo
 from service.archive.avatar import Avatar, Drawn, Shapes, Source, model_cards
 from service.archive.pack import draw, draw_shapes
 from service.budget import within_budget
+from service.corrections import Ledger
 from service.diagnosis import peak_rss_mb
 from service.face.features.eye_colours import NAMED_IRISES
 from service.face.features.mouth import with_mouth_shut
@@ -55,7 +56,6 @@ from service.materials.part import coarser
 from service.options import Options
 from service.photo.photo import Photo
 from service.reflectance.albedo.albedo_prior import albedo_prior, error_model
-from service.reflectance.albedo.corrections import Ledger
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.relief.folds import AGES

@@ -19,7 +19,8 @@ ORDER = {
     "service": (
         # What everything stands on.
         "errors", "machine", "places", "manifest", "arrays", "robust", "checks", "stage_cache", "levels",
-        "map_registry", "image_filters", "colour", "diagnosis", "photo", "head", "geometry", "materials", "runtime",
+        "map_registry", "image_filters", "colour", "corrections", "diagnosis", "photo", "head", "geometry", "materials",
+        "runtime",
         # From the photo to the maps, and their files.
         "light", "render", "face", "hair", "anatomy", "texture", "reflectance", "archive",
         # The whole way, and who asks for it.

@@ -21,7 +21,7 @@ from benchmarks.corrections.photos import names, photos
 from benchmarks.corrections.score import Judge, Score
 from benchmarks.corrections.trial import ALL, SIZE, Effect, Product, Verdicts, tried
 from benchmarks.shoot import data_folder
-from service.reflectance.albedo.corrections import Correction
+from service.corrections import Correction
 
 ENOUGH_DB = 0.1
 """Gain from which on a rule earns its place."""

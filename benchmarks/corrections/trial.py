@@ -13,9 +13,9 @@ import numpy.typing as npt
 from benchmarks.corrections.score import Judge, Score
 from service.archive.avatar import Avatar
 from service.colour import FULL_CODE
+from service.corrections import Correction
 from service.options import Options
 from service.pipeline import make_avatar
-from service.reflectance.albedo.corrections import Correction
 from service.reflectance.albedo.diffuse_albedo import REGISTRY
 from service.stage_cache import StageCache
 

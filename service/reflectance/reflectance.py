@@ -26,11 +26,11 @@ import numpy.typing as npt
 from service import manifest
 from service.arrays import UInt8
 from service.colour import Codes
+from service.corrections import Ledger
 from service.geometry.chart import NO_PART
 from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo.albedo_prior import error_map
 from service.reflectance.albedo.beside_skin import close_seam, pad_parts, pad_skin, scaled
-from service.reflectance.albedo.corrections import Ledger
 from service.reflectance.albedo.diffuse_albedo import diffuse_albedo
 from service.reflectance.albedo.highlights import HIGHLIGHTS, without_highlights
 from service.reflectance.planes import Planes

@@ -16,10 +16,10 @@ import numpy as np
 
 from service.arrays import Bool, Float32
 from service.colour import LUMA, linear_to_srgb, srgb_to_linear
+from service.corrections import Correction
 from service.face.reading.part_labels import BEARD, BROW, GLASSES, HAIR, HAT, IRIS, LIP, MOUTH, SCLERA, SKIN
 from service.geometry.chart import Chart
 from service.image_filters import blurred
-from service.reflectance.albedo.corrections import Correction
 from service.robust import smoothstep
 from service.texture.unwrap import Unwrapped, Zones, wears_glasses
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb, srgb_to_linear, to_bytes
+from service.corrections import SEEN_CHANGE, Ledger
 from service.errors import NumericFault
 from service.face.fit.fit import Fit
 from service.face.reading.part_labels import BROW, HAIR, SKIN
@@ -25,7 +26,6 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
-from service.reflectance.albedo.corrections import SEEN_CHANGE, Ledger
 from service.robust import smoothstep
 from service.texture.blending import Blend, Layer, blend
 from service.texture.finer_cover import HAT_SHADOW, finer_cover, in_the_dark, out_of_shadow

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from service.anatomy.eyes import BRIGHTEST
 from service.arrays import Float32
 from service.colour import LUMA, Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
+from service.corrections import Correction, Ledger
 from service.face.features.eye_colours import BETWEEN_LIDS
 from service.image_filters import blurred, shrunk
 from service.light.scene import BRIGHT
@@ -28,8 +29,6 @@ from service.reflectance.albedo.corrections import (
     SKIN_HUE,
     UNSEEN_SKIN,
     ChartLight,
-    Correction,
-    Ledger,
     LightCorrection,
     beside_lit,
     corrected,

@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, Codes, linear_to_srgb, luma, srgb_to_linear
+from service.corrections import Correction, Ledger, changed_texels
 from service.image_filters import blurred, each_around, least, most, ramp, shrunk, stretched_to
 from service.levels import TEXTURE_SIZE
-from service.reflectance.albedo.corrections import Correction, Ledger, changed_texels
 from service.reflectance.planes import read_window
 
 WIDTH = TEXTURE_SIZE[0]

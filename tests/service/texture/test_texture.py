@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from service.corrections import Ledger
 from service.errors import NumericFault
 from service.face.reading.part_labels import HAT, SCLERA
 from service.face.reading.part_labels import SKIN as SKIN_READ
 from service.geometry.chart import Chart
 from service.map_registry import SEEN
 from service.photo.photo import Photo
-from service.reflectance.albedo.corrections import Ledger
 from service.texture.finer_cover import HAT_SHADOW
 from service.texture.texture import Texture, Unwrappings, make_texture
 from service.texture.unwrap import Zones
