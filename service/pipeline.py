@@ -46,7 +46,7 @@ from service.geometry.chart import islands
 from service.hair.asked import NONE
 from service.hair.bank import read_bank
 from service.hair.find_hair import grow_hair, see_hair
-from service.hair.worn_hair import hair_cards, hair_in_albedo
+from service.hair.worn_hair import hair_cards, hair_in_albedo, over_skin
 from service.head.model import HeadModel
 from service.levels import Size
 from service.light.formulas import session
@@ -191,7 +191,8 @@ def make_avatar(
             if made is not None and made.diffuse_albedo is not None:
                 albedo = small_albedo(made.diffuse_albedo, texture.texture.shape[1::-1])
                 light = to_albedo(texture.texture, albedo, texture.lit_skin)
-                own_hair, own_parts = hair_in_albedo(own_hair, in_albedo(own_parts, brows, head, albedo, light), light)
+                own_parts = in_albedo(own_parts, brows, head, albedo, light)
+                own_hair, own_parts = hair_in_albedo(own_hair, own_parts, light / over_skin(own_hair.groom, fit))
             return Avatar(
                 photo=photo,
                 face=face,

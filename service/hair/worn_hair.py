@@ -9,11 +9,13 @@ import numpy as np
 
 from service.arrays import Float32, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb, luma
+from service.face.fit.fit import Fit
 from service.hair.cards import BUDGETS, PARTS, hair_parts
 from service.hair.colour import KNOTS, as_absorbed
 from service.hair.groom import Groom
-from service.hair.scalp import Scalp
+from service.hair.scalp import CENTRE, Scalp, unit
 from service.levels import QualityName
+from service.light.formulas import sh_basis
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 from service.render.draw import MIRRORED, with_gloss, without_gloss
@@ -61,6 +63,22 @@ def hair_cards(hair: WornHair, skin: Scalp | None, quality: QualityName, seed: i
     return () if hair.groom is None or skin is None else hair_parts(hair.groom, skin, BUDGETS[quality], seed)
 
 
+RETURNED = 0.85
+"""What strands show of their colour where a surface beside them shows all of its own, as they shade each other: 1.0
+under a clouded sky to 0.6 below a flash, in our own renderer."""
+
+
+def over_skin(groom: Groom | None, fit: Fit) -> float:
+    """How bright hair of a colour is in the photo over skin of the same: the light from above is on more of it."""
+    if fit.light is None or groom is None or not len(groom):
+        return 1.0
+    normals = unit(groom.strands[:, ::4].reshape(-1, 3) - CENTRE) @ fit.camera.rotation.T
+    facing = np.maximum(-normals[:, 2], 0)
+    arrives = luma(np.asarray(sh_basis(normals) @ fit.light, np.float32))
+    # The light was read off the face; on the hair it is told by extension.
+    return RETURNED * float(np.clip((facing * arrives).sum() / max(float(facing.sum()), 1e-6), 0.5, 2.0))
+
+
 def hair_in_albedo(
     hair: WornHair, parts: tuple[MeshPart, ...], light: Float32
 ) -> tuple[WornHair, tuple[MeshPart, ...]]:
@@ -69,18 +87,23 @@ def hair_in_albedo(
     Args:
         hair: of the photo.
         parts: with those of :func:`hair_cards`; all others stay as they are.
-        light: (3,) factors from colours in the photo's light to albedo.
+        light: (3,) factors from colours in the photo's light on hair to albedo.
     """
     groom = hair.groom
     if groom is None or not hair.in_photo_light or not len(groom):
         return hair, parts
     seen = groom.colour.linear()
-    # Hair that is brown in the photo, or without its light, is neither green nor violet: a hue that no melanin has is
-    # the light's, which need not be as coloured on the hair as on the face.
     usual = np.median(seen.reshape(-1, 3), 0)
-    brown = any(red >= green >= blue for red, green, blue in (usual, usual * light))
+    brown = _warm(usual) or _warm(usual * light)
+    if _warm(usual):
+        light = _as_coloured(light, usual)
     white = np.clip(seen * light, 1e-3, 0.9)
-    own = without_gloss(white, mirrored(np.clip(usual * light, 1e-3, 0.9)))
+    middle = np.clip(usual * light, 1e-3, 0.9)
+    # Strands that are brighter than the rest mirror more than the rest.
+    beside = np.clip(luma(white) / luma(middle), *MIRRORS)[..., None]
+    own = without_gloss(white, mirrored(middle) * beside)
+    if brown:  # nor is a strand that the light blew out
+        own = np.minimum.accumulate(own, -1)
     unlit_colour = as_absorbed(own, dyed=not brown or greyed(np.median(own.reshape(-1, 3), 0)))
     made = replace(unlit_colour, measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
@@ -97,9 +120,31 @@ def hair_in_albedo(
     return replace(hair, groom=replace(groom, colour=made), in_photo_light=False), unlit
 
 
+def _warm(colour: Float32) -> bool:
+    red, green, blue = colour
+    return bool(red >= green >= blue)
+
+
+def _as_coloured(light: Float32, usual: Float32) -> Float32:
+    """Factors (3,) as bright as ``light`` and no more coloured than leaves brown hair (3,) without a hue.
+
+    Hair that is brown in the photo is neither green nor violet without its light: a hue that no melanin has is the
+    light's, which need not be as coloured on the hair as on the face.
+    """
+    shares = [1.0]
+    for more, less in ((0, 1), (1, 2)):
+        turns = np.log(light[less] / light[more])
+        if turns > 0:
+            shares.append(float(np.log(usual[more] / max(float(usual[less]), 1e-6)) / turns))
+    made = light ** min(shares)
+    return np.asarray(made * luma(usual * light) / max(float(luma(usual * made)), 1e-6), np.float32)
+
+
 HUE = 0.2
 """Standard deviation of the logarithm of a channel of hair beside that of the melanin nearest to it."""
-AMOUNTS = MIRRORED * 2 ** np.linspace(-2, 1.5, 15, dtype=np.float32)
+AMOUNTS = MIRRORED * 2 ** np.linspace(-2, 3.5, 23, dtype=np.float32)
+MIRRORS = 0.3, 4.0
+"""Least and most that a strand mirrors over the usual one."""
 
 
 def mirrored(colour: Float32) -> float:
@@ -108,6 +153,8 @@ def mirrored(colour: Float32) -> float:
     The likeliest of ``AMOUNTS``, which vary by a factor of two: dark hair without a hue is black and shines, as no
     melanin is grey.
     """
+    if greyed(without_gloss(colour, MIRRORED)):
+        return MIRRORED  # it is grey itself, and tells nothing
     inside = [without_gloss(colour, float(amount)) for amount in AMOUNTS]
     nearest = as_absorbed(np.repeat(np.array(inside)[:, None], KNOTS, 1), dyed=False).linear()[:, 0]
     off = [np.log(with_gloss(one, float(amount)) / colour) for one, amount in zip(nearest, AMOUNTS, strict=True)]

@@ -402,9 +402,9 @@ def open_light(light: Illumination, graphs: Graphs, points: Float32, normals: An
     return np.asarray(arriving.T / np.float32(np.pi), np.float32)
 
 
-def without_gloss(seen: AnyFloat, mirrored: float = MIRRORED) -> Float32:
+def without_gloss(seen: AnyFloat, mirrored: AnyFloat | float = MIRRORED) -> Float32:
     """Albedo of hair from its linear RGB under white light, without what it mirrors; darker than that stays above 0."""
-    return np.asarray(np.square(seen) / (seen + np.float32(mirrored)), np.float32)
+    return np.asarray(np.square(seen) / (seen + np.asarray(mirrored, np.float32)), np.float32)
 
 
 def with_gloss(albedo: AnyFloat, mirrored: float = MIRRORED) -> Float32:

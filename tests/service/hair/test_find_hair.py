@@ -289,11 +289,11 @@ def test_what_strands_mirror_is_not_in_their_albedo() -> None:
     """Black hair came out at twice to four times its colour, and shone once more: it was grey in any light."""
     seen = photographed(NAMED["crop"], 3, HEAD, strands=50)
 
-    def unlit(colour: list[float]) -> np.ndarray:
+    def unlit(colour: list[float], light: tuple[float, float, float] = (1, 1, 1)) -> np.ndarray:
         own = as_absorbed(np.broadcast_to(np.array(colour, np.float32), (len(seen.groom), KNOTS, 3)))
         groom, share = dataclasses.replace(seen.groom, colour=own), np.ones(50, np.float32)
         worn = WornHair(groom, "crop", {}, share, in_photo_light=True)
-        made = hair_in_albedo(worn, (), np.ones(3, np.float32))[0].groom
+        made = hair_in_albedo(worn, (), np.array(light, np.float32))[0].groom
         assert made is not None and np.isfinite(made.colour.linear()).all()
         return np.median(made.colour.linear().reshape(-1, 3), 0)
 
@@ -304,6 +304,11 @@ def test_what_strands_mirror_is_not_in_their_albedo() -> None:
     assert luma(unlit([0.4, 0.33, 0.24])) > 0.3, "fair hair"
     grey = unlit([0.142, 0.124, 0.111])
     assert grey.min() > 0.65 * grey.max(), "grey hair, faintly warm: it came out light brown"
+    sky = unlit([0.154, 0.101, 0.082], (1.05, 1.33, 1.9))
+    assert sky[0] >= sky[1] >= 0.99 * sky[2], "black hair in haze: it came out violet"
+    assert luma(unlit([0.3, 0.28, 0.26])) > 0.25, "grey hair tells no highlight: it came out dark"
+    lamp = unlit([0.51, 0.37, 0.2], (0.67, 1.02, 1.83))
+    assert lamp[0] >= 0.9 * lamp[2], "blond hair beside a lamp, its light told by the face: it came out blue"
     faint = unlit([0.1, 0.076, 0.069])
     assert faint.min() < 0.3 * faint.max(), "brown hair that mirrors the sky"
     levels = np.geomspace(1e-5, 0.9, 50).astype(np.float32)
