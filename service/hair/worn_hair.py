@@ -63,7 +63,7 @@ def hair_cards(hair: WornHair, skin: Scalp | None, quality: QualityName, seed: i
     return () if hair.groom is None or skin is None else hair_parts(hair.groom, skin, BUDGETS[quality], seed)
 
 
-RETURNED = 0.85
+RETURNED = 0.9
 """What strands show of their colour where a surface beside them shows all of its own, as they shade each other: 1.0
 under a clouded sky to 0.6 below a flash, in our own renderer."""
 
@@ -72,8 +72,9 @@ def over_skin(groom: Groom | None, fit: Fit) -> float:
     """How bright hair of a colour is in the photo over skin of the same: the light from above is on more of it."""
     if fit.light is None or groom is None or not len(groom):
         return 1.0
-    normals = unit(groom.strands[:, ::4].reshape(-1, 3) - CENTRE) @ fit.camera.rotation.T
-    facing = np.maximum(-normals[:, 2], 0)
+    points = groom.strands[:, ::4].reshape(-1, 3)
+    normals = unit(points - CENTRE) @ fit.camera.rotation.T
+    facing = np.where(points[:, 1] > 0, np.maximum(-normals[:, 2], 0), 0)  # above the eyes it lies on the skull
     arrives = luma(np.asarray(sh_basis(normals) @ fit.light, np.float32))
     # The light was read off the face; on the hair it is told by extension.
     return RETURNED * float(np.clip((facing * arrives).sum() / max(float(facing.sum()), 1e-6), 0.5, 2.0))

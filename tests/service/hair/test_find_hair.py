@@ -25,7 +25,7 @@ from service.hair.shape import filled, fitted, one_plait, seen_share, seen_thinn
 from service.hair.sight import Sight, overlap
 from service.hair.style import LENGTHS as LENGTH_NAMES
 from service.hair.style import NAMED, Style, style_to_json
-from service.hair.worn_hair import WornHair, hair_cards, hair_in_albedo
+from service.hair.worn_hair import RETURNED, WornHair, hair_cards, hair_in_albedo, over_skin
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.options import Options
@@ -283,6 +283,19 @@ def test_brown_hair_under_a_blue_sky_is_brown() -> None:
     worn = WornHair(groom, "crop", {}, np.ones(len(groom), np.float32), in_photo_light=True)
     made = hair_in_albedo(worn, (), np.array([1.72, 1.7, 1.49], np.float32))[0].groom
     assert made is not None and not made.colour.dye.any()
+
+
+def test_hair_below_the_sky_is_brighter_than_skin_of_its_colour() -> None:
+    """Most of it faces the sky, and came out too fair; would break where a fit tells no light, or a head has no hair."""
+    seen = photographed(NAMED["crop"], 3, HEAD, strands=200)
+    even, above = np.zeros((9, 3)), np.zeros((9, 3))
+    even[0] = above[0] = np.sqrt(4 * np.pi)
+    above[1] = -0.7 * np.sqrt(4 * np.pi / 3)  # the camera's y points down
+    fits = [dataclasses.replace(seen.fit, light=light) for light in (even, above, -above, 1e3 * above, 0 * above)]
+    plain, bright, dim, most, none = (over_skin(seen.groom, fit) for fit in fits)
+    assert dim < plain < bright and np.isfinite([most, none]).all() and 0.3 < none < most < 3
+    assert plain == pytest.approx(RETURNED)
+    assert over_skin(seen.groom, dataclasses.replace(seen.fit, light=None)) == over_skin(None, fits[0]) == 1.0
 
 
 def test_what_strands_mirror_is_not_in_their_albedo() -> None:
