@@ -286,7 +286,7 @@ def test_brown_hair_under_a_blue_sky_is_brown() -> None:
 
 
 def test_hair_below_the_sky_is_brighter_than_skin_of_its_colour() -> None:
-    """Most of it faces the sky, and came out too fair; would break where a fit tells no light, or a head has no hair."""
+    """Most of it faces the sky: it came out too fair. No light that is told, and no hair, tell nothing of it."""
     seen = photographed(NAMED["crop"], 3, HEAD, strands=200)
     even, above = np.zeros((9, 3)), np.zeros((9, 3))
     even[0] = above[0] = np.sqrt(4 * np.pi)
