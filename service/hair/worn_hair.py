@@ -174,7 +174,7 @@ def greyed(albedo: Float32) -> bool:
     return bool(luma(albedo) > level and 1 - albedo.min() / max(float(albedo.max()), 1e-6) < saturation)
 
 
-LEVELS_OF_HAIR = 8
+LEVELS_OF_HAIR = 16
 """Brightnesses at which a hair's change of colour is told: bright strands mirror the sky, dark ones do not."""
 
 
