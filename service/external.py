@@ -31,8 +31,7 @@ from service.head.files import load_head
 from service.head.model import HeadModel
 from service.levels import TEXTURE_SIZE
 from service.manifest import Given
-from service.map_registry import MAP_NAMES
-from service.options import Options, installed
+from service.options import Options, default_maps
 from service.photo.gate import read_photo
 from service.photo.limits import Limits
 from service.photo.photo import Photo
@@ -184,10 +183,7 @@ _OPTIONS = ("maps", "quality", "size", "bits", "normals", "runtime", "detail", "
 
 def external_maps() -> tuple[str, ...]:
     """Every map that can be made from a texture and a mesh with the installed networks."""
-    return tuple(
-        name for name in MAP_NAMES
-        if name not in NOT_MADE and installed(ReflectancePlan.of([name], super_resolution=False).networks)
-    )  # fmt: skip
+    return tuple(name for name in default_maps() if name not in NOT_MADE)
 
 
 def make_external(

@@ -17,7 +17,7 @@ import numpy as np
 from service.arrays import Bool, Float32, Int32, Int64
 from service.geometry.nearest import Nearest
 from service.hair.colour import HairColour
-from service.hair.guides import CLEARANCE_M, GUIDE_POINTS, GUIDES, Combing, groups, grow_guides, grown, resampled
+from service.hair.guides import CLEARANCE_M, GUIDE_POINTS, GUIDES, Combing, groups, grow_several, grown, resampled
 from service.hair.scalp import Roots, Scalp, mean_scalp, unit
 from service.hair.style import WAVES, Style
 
@@ -92,7 +92,7 @@ def make_groom(
     if not len(guide_roots) or not len(roots):
         none, colour = np.zeros((0, GUIDE_POINTS, 3), np.float32), HairColour.of(style.melanin, 0, rng)
         return Groom(style, none, none[:, 0, :2], np.zeros(0, np.int32), colour)
-    guides = grow_guides(style, guide_roots, skin, rng, wish)
+    [guides] = grow_several([(style, guide_roots, rng)], skin, wish)
     points, lock = _between(style, guide_roots, guides, roots, skin, rng)
     points = _curled(style, points, lock, rng)
     points = _wandering(style, points, rng)

@@ -152,17 +152,12 @@ def sides_of(style: Style, roots: Roots) -> Float32:
     return np.where(roots.position[:, 0] >= at, 1.0, -1.0).astype(np.float32)
 
 
-def grow_guides(
-    style: Style, roots: Roots, skin: Scalp, rng: np.random.Generator, wish: Combing | None = None
-) -> Float32:
-    """(G, 32, 3) guides from their roots: combed, lifted, bent by their weight, gathered where that is asked for."""
-    return grow_several([(style, roots, rng)], skin, wish)[0]
-
-
 def grow_several(
     heads: Sequence[tuple[Style, Roots, np.random.Generator]], skin: Scalp, wish: Combing | None = None
 ) -> list[Float32]:
-    """As :func:`grow_guides`, several styles at once on one head, each with its own roots and random numbers."""
+    """(G, 32, 3) guides of each of several styles on one head, each with its own roots and random numbers: combed,
+    lifted, bent by their weight, gathered where that is asked for.
+    """
     made, hanging, places = [], [], []
     for style, roots, rng in heads:
         length = lengths(style, roots, rng)
