@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from pydantic import ValidationError
+
+from service.checks import refused
 from service.errors import UsageError
 
 AUTO, NONE = "auto", "none"
@@ -64,8 +67,8 @@ def checked_hair(hair: HairChoice) -> HairChoice:
 
     try:
         style_from_json(hair)
-    except (TypeError, ValueError, AttributeError) as error:
-        raise UsageError(f"hair is no style: {error}", field="hair") from error
+    except ValidationError as error:
+        raise UsageError(f"hair is no style: {refused(error).message}", field="hair") from error
     return hair
 
 

@@ -96,7 +96,7 @@ def read_bank(file: Path = FILE) -> Bank:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
             styles = tuple(style_from_json(values) for values in json.loads(arrays["styles"].tobytes()))
             bank = Bank(styles, arrays["masks"], arrays["kinds"], arrays["ends"])
-    except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise ModelFault(f"{file} is no bank of styles: {error}") from error
     wanted = (len(styles), len(VIEWS), CELLS * CELLS // 8), (len(styles), len(KINDS))
     if (bank.masks.shape, bank.kinds.shape) != wanted:

@@ -7,8 +7,12 @@ strands together and its inverse follow Chiang et al. 2016 ("A Practical and Con
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
+from pydantic import ConfigDict, Strict
+from pydantic.dataclasses import dataclass as checked_dataclass
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int64
 from service.colour import luma, srgb_to_linear
@@ -36,7 +40,11 @@ KNOTS = 8
 """Places along a strand at which its pigment is told."""
 
 
-@dataclass(frozen=True)
+_Amount = Annotated[float, Strict(), Ge(0), Le(20)]
+_Share = Annotated[float, Strict(), Ge(0), Le(1)]
+
+
+@checked_dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Melanin:
     """Pigment of a head of hair.
 
@@ -49,19 +57,12 @@ class Melanin:
         highlights: share of strands that were lightened, to a quarter of their pigment.
     """
 
-    eumelanin: float
-    pheomelanin: float
-    fade: float = 0.15
-    spread: float = 0.12
-    grey: float = 0.0
-    highlights: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, most in (("eumelanin", 20), ("pheomelanin", 20), ("fade", 1), ("spread", 2), ("grey", 1),
-                           ("highlights", 1)):  # fmt: skip
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most:
-                raise ValueError(f"{name} is {value!r}; it goes from 0 to {most}")
+    eumelanin: _Amount
+    pheomelanin: _Amount
+    fade: _Share = 0.15
+    spread: Annotated[float, Strict(), Ge(0), Le(2)] = 0.12
+    grey: _Share = 0.0
+    highlights: _Share = 0.0
 
     def amounts(self, strands: int, rng: np.random.Generator) -> Float32:
         """(strands, KNOTS, 2) float32 concentrations of eumelanin and pheomelanin from root to tip."""

@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
+from pydantic import ConfigDict, Strict, StringConstraints, TypeAdapter
+from pydantic.dataclasses import dataclass as checked_dataclass
 
 from service.hair.colour import Melanin
 
@@ -50,22 +53,13 @@ LENGTHS = ("top_mm", "fringe_mm", "sides_mm", "back_mm")
 """Lengths of strands by where they grow."""
 
 
-_MM, _SHARE = (0, 1500), (0, 1)
-_RANGES: Mapping[str, tuple[float, float]] = {
-    **dict.fromkeys(("top_mm", "fringe_mm", "sides_mm", "back_mm", "volume_mm", "frizz_mm"), _MM),
-    **dict.fromkeys(("layers", "lift", "gravity", "stiffness", "clump", "flyaways", "receding", "crown", "hairline",
-                     "tucked", "fade", "density", "wisps"), _SHARE),
-    "lock_mm": (0.5, 100), "cut_y": (-1, 0.2), "tie_x": (-0.2, 0.2), "tie_y": (-0.2, 0.2),
-}  # fmt: skip
-_CHOICES: Mapping[str, tuple[str, ...]] = {
-    "parting": get_args(Parting),
-    "combing": get_args(Combing),
-    "curl": get_args(Curl),
-    "gather": get_args(Gather),
-}
+_Name = Annotated[str, StringConstraints(pattern=r"^[^\W\d]\w{0,39}$")]
+_Mm = Annotated[float, Strict(), Ge(0), Le(1500)]
+_Share = Annotated[float, Strict(), Ge(0), Le(1)]
+_Metres = Annotated[float, Strict(), Ge(-0.2), Le(0.2)]
 
 
-@dataclass(frozen=True)
+@checked_dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Style:
     """A head of hair.
 
@@ -96,50 +90,40 @@ class Style:
         fade: how far up the sides are clipped short, 0 to 1.
         density: strands for each that a full head has, 0 to 1.
         melanin: its pigment.
+
+    Raises:
+        pydantic.ValidationError: a value is out of range, or none of its choices.
     """
 
-    kind: str
-    top_mm: float
-    fringe_mm: float
-    sides_mm: float
-    back_mm: float
-    cut_y: float | None = None
-    layers: float = 0.3
+    kind: _Name
+    top_mm: _Mm
+    fringe_mm: _Mm
+    sides_mm: _Mm
+    back_mm: _Mm
+    cut_y: Annotated[float, Strict(), Ge(-1), Le(0.2)] | None = None
+    layers: _Share = 0.3
     parting: Parting = "none"
     combing: Combing = "natural"
-    lift: float = 0.3
-    gravity: float = 0.7
-    stiffness: float = 0.6
+    lift: _Share = 0.3
+    gravity: _Share = 0.7
+    stiffness: _Share = 0.6
     curl: Curl = "1"
-    clump: float = 0.35
-    lock_mm: float = 9.0
-    frizz_mm: float = 0.6
-    flyaways: float = 0.01
-    volume_mm: float = 14.0
+    clump: _Share = 0.35
+    lock_mm: Annotated[float, Strict(), Ge(0.5), Le(100)] = 9.0
+    frizz_mm: _Mm = 0.6
+    flyaways: _Share = 0.01
+    volume_mm: _Mm = 14.0
     gather: Gather = "none"
-    tie_x: float = 0.0
-    tie_y: float = 0.0
-    receding: float = 0.0
-    crown: float = 0.0
-    hairline: float = 0.15
-    tucked: float = 0.0
-    wisps: float = 0.0
-    fade: float = 0.0
-    density: float = 1.0
+    tie_x: _Metres = 0.0
+    tie_y: _Metres = 0.0
+    receding: _Share = 0.0
+    crown: _Share = 0.0
+    hairline: _Share = 0.15
+    tucked: _Share = 0.0
+    wisps: _Share = 0.0
+    fade: _Share = 0.0
+    density: _Share = 1.0
     melanin: Melanin = field(default_factory=lambda: Melanin(0.45, 0.12))
-
-    def __post_init__(self) -> None:
-        for name, (low, high) in _RANGES.items():
-            value = getattr(self, name)
-            if name == "cut_y" and value is None:
-                continue
-            if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-                raise ValueError(f"{name} is {value!r}; it goes from {low} to {high}")
-        for name, choices in _CHOICES.items():
-            if getattr(self, name) not in choices:
-                raise ValueError(f"{name} is {getattr(self, name)!r}; there are {', '.join(choices)}")
-        if not isinstance(self.kind, str) or not 0 < len(self.kind) <= 40 or not self.kind.isidentifier():
-            raise ValueError(f"kind is {self.kind!r:.60}; it is a name of at most 40 letters")
 
     def scaled(self, factor: float, *names: str) -> Style:
         """With these lengths in mm times a factor, within 0.5 and 1200."""
@@ -188,9 +172,6 @@ def style_from_json(values: dict[str, Any]) -> Style:
     """The inverse of :func:`style_to_json`.
 
     Raises:
-        TypeError, ValueError: values are missing, unknown or out of range.
+        pydantic.ValidationError: values are missing, unknown or out of range.
     """
-    melanin = values.get("melanin", {"eumelanin": 0.45, "pheomelanin": 0.12})
-    if not isinstance(melanin, dict):
-        raise TypeError(f"melanin is {melanin!r:.60}; it has eumelanin, pheomelanin and what else Melanin takes")
-    return Style(**{**values, "melanin": Melanin(**melanin)})
+    return TypeAdapter(Style).validate_python(values)
