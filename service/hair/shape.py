@@ -253,6 +253,8 @@ FARTHEST_CELLS = 14.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm."""
 OVER_M = 0.005
 """How far above its root a strand is bent at most beside a bald top."""
+FORWARDS_M = 0.015
+"""Most by which a strand is bent towards the camera to lie on skin: from behind an ear none comes over it."""
 STEEP_M = 0.015
 """Range of the skin's depth in a cell and its neighbours from which on it is steep."""
 OFF_M = (0.002, 0.008)
@@ -289,12 +291,10 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     # A lock that is bent off the skull stands there alone: there, the outline is moved as a whole.
     height = strands[some[near // len(places)], places[near % len(places)], 1]
     stands = ~np.isfinite(sight.behind[row, column]) & (height > HANGS_BELOW_M)
-    reached = (apart < FARTHEST_CELLS) & ~stands
-    cells, near = cells[reached], near[reached]
+    deep, face = depth.reshape(-1)[near], sight.behind[row, column]
+    reached = (apart < FARTHEST_CELLS) & ~stands & ~(deep > face + FORWARDS_M)
+    cells, near, deep, face = cells[reached], near[reached], deep[reached], face[reached]
     strand, place = some[near // len(places)], places[near % len(places)]
-    deep = depth.reshape(-1)[near]
-    column, row = np.clip(cells.astype(int), 0, CELLS - 1).T
-    face = sight.behind[row, column]
     wanted = np.where(np.isfinite(face), face - rng.uniform(*OFF_M, len(cells)), deep)
     # The cell's ray, at this depth, in the head's frame.
     camera = sight.camera
@@ -309,8 +309,8 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     bent = resampled(bent.astype(np.float32), ends, points)
     bent = np.concatenate([bent[:, :1], skin.pushed(bent[:, 1:], 0.0015)], 1)
     # Nor is hair combed over a bald head; by its root, as a strand may have been bent before.
-    lower = (met(groom.style) == 0) | (bent[..., 1].max(1) < strands[strand, 0, 1] + OVER_M)
-    return groom.joined(bent[lower], groom.root_uv[strand[lower]], strand[lower])
+    stays = (met(groom.style) == 0) | (bent[..., 1].max(1) < strands[strand, 0, 1] + OVER_M)
+    return groom.joined(bent[stays], groom.root_uv[strand[stays]], strand[stays])
 
 
 SEEN_M = 0.015

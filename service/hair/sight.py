@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float32, Int64
@@ -24,6 +25,8 @@ COVERS = 2.2
 """Strand length in a cell, over the cell's side, at which 10,000 strands cover 1 - 1/e of it."""
 SHOWS = (0.25, 0.65)
 """Share of a cell up to which it counts as bare, and from which on as hair."""
+SPECK = 12
+"""Fewest cells of hair that make a lock: 2 square centimetres."""
 EDGE_CELLS = 2.0
 """Cells from the edge of the photo that tell nothing."""
 SOFT_CELLS = 0.8
@@ -33,6 +36,14 @@ HANGS_M, HANGS_WIDE_M = 0.01, 0.015
 """Step of heights at which hair is looked for that hangs below the nape, and the least width of it."""
 SHORTER_M, SHORTER = 0.03, 0.02
 """How far above what is seen to hang the ends of a length may lie before it gets no more likely than the second."""
+
+
+def _specks(covers: Float32) -> Bool:
+    """(C, C) cells of hair (C, C) that lie in a patch alone, too small for a lock: an ear-ring, or noise."""
+    _, patch, sizes, _ = cv2.connectedComponentsWithStats(np.asarray(covers > 0.5, np.uint8), connectivity=8)
+    small = sizes[:, cv2.CC_STAT_AREA] < SPECK
+    small[0] = False
+    return np.asarray(small[patch])
 
 
 @dataclass(frozen=True)
@@ -85,9 +96,10 @@ class Sight:
         # Background where the fitted head is: one of both is wrong, and nothing is told of its hair.
         behind = np.isfinite(bare.behind) * reading.background
         shown = np.asarray(reading.known * inside, np.float32)
-        known = np.asarray(shown * (1 - behind), np.float32)
+        covers = ramp(reading.mask, SHOWS)
+        known = np.asarray(shown * (1 - behind) * ~_specks(covers), np.float32)
         return replace(
-            bare, hair=ramp(reading.mask, SHOWS) * known, shown=shown, known=known, direction=reading.direction,
+            bare, hair=covers * known, shown=shown, known=known, direction=reading.direction,
             certainty=reading.certainty,
         )  # fmt: skip
 

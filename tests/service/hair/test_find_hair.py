@@ -448,3 +448,33 @@ def test_hair_that_the_picture_cuts_off_is_as_long_as_its_style() -> None:
     dark = dataclasses.replace(seen.sight, known=seen.sight.known * (np.arange(CELLS) < 70)[:, None])
     long = dataclasses.replace(NAMED["long_wavy"].scaled(1.6, *LENGTH_NAMES), cut_y=None)
     assert fitted(long, dark, SKIN, 0, 600)[0].strands[..., 1].min() < -0.35
+
+
+def test_an_ear_ring_is_no_lock() -> None:
+    """A patch of few cells apart from all other hair; strands were bent to it from afar, and hung there as a ball."""
+    seen = photographed(NAMED["crop"], 3, HEAD)
+    mask, sides = seen.reading.mask.copy(), np.argwhere(np.isfinite(seen.sight.behind))
+    row, column = sides[np.argmin(np.abs(sides - [70, 60]).sum(1))]
+    mask[row - 1 : row + 2, column - 1 : column + 2] = 1
+    for size, kept in ((2, False), (5, True)):
+        mask[row - 1 : row - 1 + size, column - 1 : column - 1 + size] = 1
+        sight = Sight.of(dataclasses.replace(seen.reading, mask=mask), seen.fit, HEAD)
+        assert bool(sight.hair[row, column] > 0.5) == kept
+        assert bool(sight.known[row, column] > 0.5) == kept
+
+
+def test_no_strand_from_behind_an_ear_is_bent_over_it() -> None:
+    """Where the fit has the ear lower than the photo, hair behind it is seen on the ear: it got a ball of hair."""
+    seen = photographed(NAMED["crop"], 3, HEAD, yaw=-25.0)
+    ear = SKIN.ears[SKIN.ears[:, 0] > 0]
+    at, depth = seen.sight.project(ear)
+    cells, before = seen.sight.visible(at, depth)
+    low = (ear[:, 1] < np.median(ear[:, 1])) & before & (depth < seen.sight.behind[cells] + 0.002)
+    hair = seen.sight.hair.copy()
+    for column, row in at[low].astype(int):
+        hair[row - 1 : row + 2, column - 1 : column + 2] = 1
+    groom = filled(seen.groom, dataclasses.replace(seen.sight, hair=hair), SKIN, np.random.default_rng(0))
+    added = groom.strands[len(seen.groom) :, -4:]
+    assert len(added) and low.sum() > 3
+    apart = np.linalg.norm(added[:, :, None] - ear[low][None, None], axis=-1).min((1, 2))
+    assert (apart < 0.006).sum() < 5, "47 did"
