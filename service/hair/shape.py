@@ -253,6 +253,8 @@ FARTHEST_CELLS = 14.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm."""
 OVER_M = 0.005
 """How far above its root a strand is bent at most beside a bald top."""
+STUB_M, STUB = 0.03, 0.8
+"""Length, and share of that of the strand it is bent from, of which a strand is longer than the shorter."""
 FORWARDS_M = 0.015
 """Most by which a strand is bent towards the camera to lie on skin: from behind an ear none comes over it."""
 STEEP_M = 0.015
@@ -310,7 +312,13 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     bent = np.concatenate([bent[:, :1], skin.pushed(bent[:, 1:], 0.0015)], 1)
     # Nor is hair combed over a bald head; by its root, as a strand may have been bent before.
     stays = (met(groom.style) == 0) | (bent[..., 1].max(1) < strands[strand, 0, 1] + OVER_M)
+    # Tufts over the hairline of hair that is longer would be cut off there.
+    stays &= _lengths(bent) > np.minimum(STUB_M, STUB * _lengths(strands[strand]))
     return groom.joined(bent[stays], groom.root_uv[strand[stays]], strand[stays])
+
+
+def _lengths(strands: Float32) -> Float32:
+    return np.asarray(np.linalg.norm(np.diff(strands, axis=1), axis=2).sum(1), np.float32)
 
 
 SEEN_M = 0.015

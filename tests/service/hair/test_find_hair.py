@@ -478,3 +478,13 @@ def test_no_strand_from_behind_an_ear_is_bent_over_it() -> None:
     assert len(added) and low.sum() > 3
     apart = np.linalg.norm(added[:, :, None] - ear[low][None, None], axis=-1).min((1, 2))
     assert (apart < 0.006).sum() < 5, "47 did"
+
+
+def test_no_tuft_of_longer_hair_lies_over_the_hairline() -> None:
+    """The photo's hairline is lower than the groom's: long strands, cut off where they reached it, made dark tufts."""
+    seen = photographed(NAMED["slicked_back"], 3, HEAD, yaw=20.0)
+    hair = np.maximum(seen.sight.hair, np.roll(seen.sight.hair, 3, 0))
+    groom = filled(seen.groom, dataclasses.replace(seen.sight, hair=hair), SKIN, np.random.default_rng(0))
+    length = np.linalg.norm(np.diff(groom.strands, axis=1), axis=2).sum(1)
+    assert len(groom) > len(seen.groom) and np.median(length[: len(seen.groom)]) > 0.03
+    assert (length[len(seen.groom) :] < 0.02).sum() < 5, "110 of 235 were"
