@@ -202,6 +202,8 @@ CONTRAST = 0.9
 """Least spread of brightness over strands, over that of the photo's pixels: means along strands are more alike."""
 USUAL_SPREAD = 0.16
 """Standard deviation of the logarithm of luminance from strand to strand, where none are seen."""
+LEAST_LIT = 0.6
+"""Least share of the hair that counts as lit where the rest of it is crushed to black."""
 DARKEST, BRIGHTEST = 0.006, 0.75
 """Range of linear luminance of hair: what a photo shows darker lies in shadow."""
 
@@ -233,6 +235,7 @@ def painted(
     grown = np.kron(np.asarray(_well_within(read, photo), np.float32), np.ones((3, 3), np.float32))
     bright = np.log(np.maximum(luma(pixels), 1e-4))
     inner = (grown > 0.5) & (pixels.max(-1) < 0.98) & (pixels.max(-1) > BLACK)
+    lit = float(inner.sum()) / max(float(((grown > 0.5) & (pixels.max(-1) < 0.98)).sum()), 1.0)
     if int(inner.sum()) < LEAST_PIXELS:
         return _guessed(guess, count, rng)
     low, high = np.quantile(bright[inner], RANKS)
@@ -249,7 +252,8 @@ def painted(
     level -= np.median(level)
     level *= np.clip(CONTRAST * float(flat[inner].std()) / max(float(level.std()), 1e-3), 1, 2)
     # As much light comes off all of them as off the hair in the photo.
-    level = np.clip(level + np.log(float(np.exp(bright[inner]).mean()) / float(np.exp(level).mean())), low, high)
+    arrives = max(lit, LEAST_LIT) * float(np.exp(bright[inner]).mean())
+    level = np.clip(level + np.log(arrives / float(np.exp(level).mean())), np.log(DARKEST), high)
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
     return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))), shine=SHINE)
 

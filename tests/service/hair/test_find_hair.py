@@ -240,7 +240,9 @@ def test_shadow_that_is_crushed_to_black_is_no_black_hair() -> None:
         picture_of(auburn, shade), seen.reading, seen.sight, seen.groom.strands, share, USUAL_SKIN, 0
     )  # fmt: skip
     red, _, blue = np.median(found.linear().reshape(-1, 3), 0)
-    assert red > 0.04 and red > 3 * blue
+    assert red > 0.02 and red > 2 * blue
+    lit = painted(picture_of(auburn), seen.reading, seen.sight, seen.groom.strands, share, USUAL_SKIN, 0)
+    assert red < 0.8 * np.median(lit.linear()[..., 0]), "but most dark hair in hard light is crushed, and came out fair"
 
 
 def test_hair_at_the_edge_of_the_photo_tells_its_colour() -> None:
