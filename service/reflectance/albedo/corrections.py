@@ -46,7 +46,7 @@ class ChartLight:
         texture: (3, h, w) float32 linear RGB, the photo's light in it.
         lit: (h, w) in [0, 1], skin in the photo's light.
         inside: (h, w) in [0, 1], islands of the chart.
-        inpainted: (h, w) in [0, 1], skin that no photo showed, lids left out.
+        inpainted: (h, w) in [0, 1], skin that no photo showed.
         shown: (h, w) in [0, 1], at least :attr:`weight`: what of the head's own surface the photo shows, beards too.
     """
 

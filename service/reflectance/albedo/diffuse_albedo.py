@@ -158,10 +158,8 @@ def asked(network: Network, planes: Planes) -> tuple[ChartLight, Float32, bool]:
         white[:-1] += white[-1] * np.log(gain)
         exposed.add_coarse(EYES, white)
     light = run_whole(network, exposed.shrunk(what.channels, size)) - np.log(gain)
-    # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
-    inpainted = clue(INPAINTED, 0.0) * (1 - lids)
     shown = np.maximum(lit, clue(SHOWN, 0.0)) * inside
-    return ChartLight(light, light, texture, lit, inside, inpainted, shown), lids, white_seen
+    return ChartLight(light, light, texture, lit, inside, clue(INPAINTED, 0.0), shown), lids, white_seen
 
 
 LIGHT_NETWORK, NETWORK = networks_of("diffuse_albedo")

@@ -18,7 +18,7 @@ from service.reflectance.albedo.beside_skin import as_told, close_seam, pad_part
 from service.reflectance.albedo.diffuse_albedo import EXPOSED, asked, exposure, without
 from service.reflectance.planes import Planes
 from service.reflectance.subject import Subject
-from service.runtime.network_registry import EYES, LIT, TEXTURE
+from service.runtime.network_registry import EYES, INPAINTED, LIDS, LIT, TEXTURE
 
 
 def test_the_white_of_an_eye_is_white_in_any_light() -> None:
@@ -56,6 +56,19 @@ def test_a_photo_is_asked_about_as_if_it_were_well_exposed(level: float) -> None
     assert network.seen[3:6] == approx(np.full((3, *shape), gain), abs=0.03) and (network.seen[6] == 1).all()
     assert found.light == approx(np.full((3, *shape), -gain), abs=0.03)
     assert found.texture == approx(level * albedo, abs=1e-4), "the texture itself stays"
+
+
+def test_lids_behind_open_eyes_are_completed_as_all_unseen_skin_is() -> None:
+    """Filled with the dark of lashes, they glowed or stayed dark by what light the network took them to be in."""
+    shape = (48, 64)
+    half = np.zeros((1, *shape), np.float32)
+    half[:, :, :32] = 1
+    planes, full = Planes(shape[::-1]), np.ones((1, *shape), np.float32)
+    planes.add_coarse(TEXTURE, np.zeros((3, *shape), np.float32))
+    planes.add_coarse(EYES, np.zeros((4, *shape), np.float32))
+    planes.add_coarse(["mask", LIT, INPAINTED, LIDS], np.concatenate([full, full - half, half, full]))
+    found, lids, _ = asked(Recorder(), planes)  # type: ignore[arg-type]
+    assert found.inpainted == approx(half[0]) and lids.min() == 1
 
 
 def test_a_photo_without_lit_skin_keeps_its_exposure() -> None:
