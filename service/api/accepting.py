@@ -27,7 +27,7 @@ from service.jobs.store import Row, checkpoint, let_go
 from service.jobs.webhooks import target
 from service.photo.bundle import unbundled
 from service.photo.gate import check_photo, expect_photo
-from service.photo.video import is_video
+from service.photo.video import expect_video
 
 T = TypeVar("T")
 
@@ -115,7 +115,8 @@ def _of_each(upload: Upload, work: Callable[[bytes], T]) -> list[T]:
     """
     photos, results = unbundled(upload.path.read_bytes()), []
     for number, photo in enumerate(photos):
-        if number == upload.video and is_video(photo):
+        if number == upload.video:
+            expect_video(photo, "the part 'video'")
             continue
         try:
             results.append(work(photo))

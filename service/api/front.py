@@ -57,7 +57,7 @@ async def no_strange_parameters(request: Request) -> None:
     """Refuse parameters of the address that the route does not take: a misspelt one would be passed over in silence.
 
     Raises:
-        HttpProblem: there is one.
+        HttpProblem: there is one, or one is there twice.
     """
     route = request.scope.get("route")
     dependant = getattr(route, "dependant", None)
@@ -67,7 +67,11 @@ async def no_strange_parameters(request: Request) -> None:
         if name not in known:
             words = f"there is no parameter {name[:40]!r} here"
             words += f"; there are {', '.join(sorted(known))}" if known else ", nor any other"
-            raise HttpProblem("invalid-parameter", 422, words, pointer=f"/query/{name[:40]}")
+        elif len(request.query_params.getlist(name)) > 1:
+            words = f"the parameter {name!r} is there more than once; one value is right"
+        else:
+            continue
+        raise HttpProblem("invalid-parameter", 422, words, pointer=f"/query/{name[:40]}")
 
 
 def is_head(request: Request) -> bool:

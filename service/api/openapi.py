@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from fastapi import FastAPI
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, create_model
 
-from service.api.problem_responses import MEDIA_TYPE
+from service.api.problem_responses import IMAGE_TYPES, MEDIA_TYPE
 from service.jobs.admission import PRIORITIES
 from service.jobs.view import EXPORT, RENDER, Kind
 from service.kits.export import TOOLS
@@ -299,7 +299,7 @@ def _complete(path: str, operation: Json) -> None:
             "schema": {"$ref": "#/components/schemas/NewAvatar"},
             "encoding": {name: {"contentType": "application/json"} for name in ("options", "metadata")},
         }
-        photos = {kind: {"schema": _PHOTO} for kind in ("image/jpeg", "image/png", "image/webp")}
+        photos = {kind: {"schema": _PHOTO} for kind in IMAGE_TYPES}
         operation["requestBody"] = _body({"multipart/form-data": form, **photos})
         answers["202"]["headers"] = {"Location": {"schema": {"type": "string"}, "description": "Address of the job."}}
 

@@ -24,6 +24,9 @@ MEDIA_TYPE = "application/problem+json"
 
 log = logging.getLogger(__name__)
 
+IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp", "image/heic", "image/heif")
+"""Media types of a photo that is the body of a request."""
+
 _OBJECT = "It has to be a JSON object of finite numbers and Unicode text, without deep nesting; 'detail' says more."
 
 EXPLANATIONS = {
@@ -40,7 +43,7 @@ EXPLANATIONS = {
     "render-timeout": "The picture took too long; a smaller one, or one with fewer samples, takes less.",
     "malformed-export": _OBJECT,
     "export-timeout": "The kit took too long; an avatar with smaller maps takes less.",
-    "unsupported-media-type": "Photos are multipart/form-data or image/jpeg, image/png, image/webp; the rest is JSON.",
+    "unsupported-media-type": f"Photos are multipart/form-data or {', '.join(IMAGE_TYPES)}; the rest is JSON.",
     "not-found": "There is nothing at this address, or it is not yours.",
     "method-not-allowed": "This address does not take this method; 'Allow' names those that it takes.",
     "bad-request": "The request breaks the rules of HTTP.",

@@ -21,7 +21,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 
 from service.api.parameters import MAX_BYTES, NAMES, parse_metadata, parse_options, query_options
-from service.api.problem_responses import HttpProblem
+from service.api.problem_responses import IMAGE_TYPES, HttpProblem
 from service.errors import AvatarError, TooManyBytes
 from service.jobs.admission import PRIORITIES
 from service.jobs.settings import Settings
@@ -36,7 +36,6 @@ PARTS = ("options", "keep_photo", "metadata", "priority", "webhook_url")
 QUERY = frozenset(PARTS) - {"options"} | NAMES
 """Parameters of the address of a photo that is the body."""
 
-IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp")
 MAX_PARTS = 8
 """Parts of different names, and a few more for mistakes."""
 MOST_TOGETHER = 4
@@ -108,8 +107,7 @@ class Upload:
 def _one_of(name: str, value: bytes, allowed: tuple[str, ...]) -> str:
     text = value.decode("utf-8", "replace").strip().lower()
     if text not in allowed:
-        *most, last = (f"'{word}'" for word in allowed)
-        raise HttpProblem("usage", 422, f"{name} has to be {', '.join(most)} or {last}", pointer=f"/{name}")
+        raise HttpProblem("usage", 422, f"{name} has to be one of {', '.join(allowed)}", pointer=f"/{name}")
     return text
 
 
@@ -230,7 +228,9 @@ class Multipart(UploadBody):
             self.upload.sizes.append(0)
             self.most = self.upload.max_bytes * (MOST_TOGETHER if name == "video" else 1)
         if not known:
-            self._later(HttpProblem("unknown-field", 422, f"there is no part {name[:40]!r}", pointer=f"/{name[:40]}"))
+            words = f"there is no part {name[:40]!r}; there are {', '.join(FILES + PARTS)}"
+            words += f"; put {name} into the JSON object 'options'" if name in NAMES else ""
+            self._later(HttpProblem("unknown-field", 422, words, pointer=f"/{name[:40]}"))
         self._names.append(name)
         self._text.clear()
 

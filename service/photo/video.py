@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from service.errors import CorruptImage, TooComplex, TooManyBytes, TooManyPixels
+from service.errors import CorruptImage, TooComplex, TooManyBytes, TooManyPixels, UnsupportedFormat
 from service.photo.container import AVIF_BRANDS, HEIC_BRANDS, HEIC_SEQUENCE_BRANDS
 from service.photo.gate import begun, ended
 from service.photo.wire import lower_limits
@@ -55,6 +55,12 @@ def is_video(data: bytes) -> bool:
     """Whether a file is a video of one of the formats that are read, by its first bytes."""
     photos = HEIC_BRANDS | HEIC_SEQUENCE_BRANDS | AVIF_BRANDS
     return data[:4] == b"\x1aE\xdf\xa3" or (data[4:8] in (b"ftyp", b"moov", b"mdat") and data[8:12] not in photos)
+
+
+def expect_video(data: bytes, name: str) -> None:
+    """Raise UnsupportedFormat, with the name of the file, where it is no video that is read."""
+    if not is_video(data):
+        raise UnsupportedFormat(f"{name} is no video that is read: MP4, QuickTime and WebM are")
 
 
 def sharp_frames(data: bytes, limits: VideoLimits = VideoLimits()) -> list[bytes]:

@@ -91,6 +91,7 @@ BODIES: dict[str, tuple[bytes, str, int, str]] = {
     "no end": (part("image", GOOD), FORM, 400, "malformed-multipart"),
     "cut off": (part("image", GOOD)[:-500], FORM, 400, "malformed-multipart"),
     "two photos, one of them none": (part("image", GOOD) + part("image", b"?") + END, FORM, 415, "unsupported-format"),
+    "a photo for a video": (part("image", GOOD) + part("video", GOOD) + END, FORM, 415, "unsupported-format"),
     "25 photos": (part("image", GOOD) * 25 + END, FORM, 400, "too-many-files"),
     "parts twice": (part("image", GOOD) + part("options", b"{}") * 2 + END, FORM, 400, "too-many-parts"),
     "2 MB of text": (part("image", GOOD) + part("options", b" " * 2_000_000) + END, FORM, 400, "part-too-large"),
@@ -125,6 +126,17 @@ def test_a_body_that_is_not_as_announced_is_refused(shared: Api, name: str) -> N
     before = shared.stored()
     is_problem(raw(shared, body, kind), status, code)
     assert shared.stored() == before, "nothing of a refused request may stay on the disk"
+
+
+def test_a_file_that_is_no_video_is_told_which_videos_are_read(shared: Api) -> None:
+    body = is_problem(raw(shared, part("video", b"RIFF....AVI LIST") + END), 415, "unsupported-format")
+    assert body["detail"] == "the part 'video' is no video that is read: MP4, QuickTime and WebM are"
+
+
+def test_an_option_as_a_part_is_told_where_options_belong(shared: Api) -> None:
+    body = is_problem(raw(shared, part("image", GOOD) + part("quality", b"draft") + END), 422, "unknown-field")
+    assert "put quality into the JSON object 'options'" in body["detail"]
+    assert "put x" not in is_problem(raw(shared, part("x", b"1") + END), 422, "unknown-field")["detail"]
 
 
 def test_a_body_in_another_coding_is_refused(shared: Api) -> None:

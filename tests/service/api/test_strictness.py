@@ -56,6 +56,23 @@ def test_a_photo_as_the_body_has_its_options_in_the_address(shared: Api) -> None
     assert job["links"]["photo"]
 
 
+@pytest.mark.parametrize("kind", ["image/jpeg", "image/png", "image/webp", "image/heic", "image/heif"])
+def test_a_photo_as_the_body_may_be_of_every_type_that_is_read(shared: Api, kind: str) -> None:
+    """A body that is a HEIC photo was refused for its type, though forms with one were taken."""
+    answer = shared.client.post("/v1/avatars", content=GOOD, headers={"Content-Type": kind})
+    assert answer.status_code == 202, answer.text
+
+
+@pytest.mark.parametrize("path", ["/v1/avatars?limit=1&limit=2", "/v1/avatars?state=failed&limit=1&state=queued"])
+def test_a_parameter_that_is_there_twice_is_refused(shared: Api, path: str) -> None:
+    assert "more than once" in is_problem(shared.client.get(path), 422, "invalid-parameter")["detail"]
+
+
+def test_an_option_of_a_photo_that_is_there_twice_is_refused(shared: Api) -> None:
+    answer = shared.client.post("/v1/avatars?quality=draft&quality=high", content=GOOD, headers=RAW)
+    assert is_problem(answer, 422, "invalid-parameter")["pointer"] == "/query/quality"
+
+
 def test_a_form_has_no_options_in_its_address(shared: Api) -> None:
     answer = shared.client.post("/v1/avatars?quality=draft", files={"image": ("x.jpg", GOOD, "image/jpeg")})
     is_problem(answer, 422, "invalid-parameter")
