@@ -138,19 +138,13 @@ def write_file(path: Path, members: Mapping[str, bytes]) -> None:
 
 def replace_file(path: Path, write: Callable[[IO[bytes]], object]) -> None:
     """Let ``write`` fill a new file that atomically replaces ``path``; raises as :func:`write_file`."""
-    try:
-        if path.exists() and not path.is_file():
-            raise OutputFault(f"cannot write {path}: it is not a regular file", path=str(path))
-        target = path.resolve()  # a symbolic link is kept, its target replaced
-        with _temporary(target) as temporary:
-            with temporary.open("r+b") as stream:
-                write(stream)
-                stream.flush()
-                os.fsync(stream.fileno())
-            temporary.replace(target)
+    with file_beside(path) as (target, temporary):
+        with temporary.open("r+b") as stream:
+            write(stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.replace(target)
         sync(target.parent)
-    except OSError as error:
-        raise OutputFault(f"cannot write {path}: {_reason(error)}", path=str(path)) from error
 
 
 def write_stream(stream: BinaryIO, members: Mapping[str, bytes]) -> None:
@@ -182,14 +176,23 @@ def _entry(name: str) -> zipfile.ZipInfo:
 
 
 @contextlib.contextmanager
-def _temporary(target: Path) -> Iterator[Path]:
-    """A new empty file beside ``target``, deleted afterwards unless it was renamed; its mode is set by the umask."""
-    temporary = target.with_name(f".{target.name[:64]}.{secrets.token_hex(4)}.part")
-    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+def file_beside(path: Path) -> Iterator[tuple[Path, Path]]:
+    """Where ``path`` leads, and a new empty file beside that, deleted afterwards unless it was renamed.
+
+    Its mode is set by the umask. What of it fails, and of what is done with it, is an OutputFault.
+    """
     try:
-        yield temporary
-    finally:
-        temporary.unlink(missing_ok=True)
+        if path.exists() and not path.is_file():
+            raise OutputFault(f"cannot write {path}: it is not a regular file", path=str(path))
+        target = path.resolve()  # a symbolic link is kept, its target replaced
+        temporary = target.with_name(f".{target.name[:64]}.{secrets.token_hex(4)}.part")
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        try:
+            yield target, temporary
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputFault(f"cannot write {path}: {_reason(error)}", path=str(path)) from error
 
 
 def _reason(error: OSError) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import mimetypes
 import os
 import sys
 from collections.abc import Iterator, Mapping
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from service.archive.container import replace_file
+from service.archive.container import MEDIA_TYPES, file_beside, replace_file
 from service.errors import OutputFault, UsageError
 from service.photo.limits import PIPE
 
@@ -28,8 +29,8 @@ def check_paths(output: str, inputs: Mapping[str, str], *, what: str, example: s
         as_json: whether a JSON object goes to standard output.
 
     Raises:
-        UsageError: two inputs from standard input; output and JSON, or a terminal, on standard output; an input that
-            the output would overwrite.
+        UsageError: two inputs from standard input; output and JSON, or a terminal, on standard output; a name of
+            another kind of file; an input that the output would overwrite.
     """
     piped = [name for name, path in inputs.items() if path == PIPE]
     if len(piped) > 1:
@@ -42,6 +43,16 @@ def check_paths(output: str, inputs: Mapping[str, str], *, what: str, example: s
         files = output != PIPE and path != PIPE and os.path.exists(output) and os.path.exists(path)
         if files and os.path.samefile(output, path):
             raise UsageError(f"{output} is the {name}, which would be overwritten; name another file with -o {example}")
+    right, given = Path(example).suffix, Path(output).suffix.lower()
+    if given != right and (given[1:] in MEDIA_TYPES or mimetypes.guess_type(f"x{given}")[0]):
+        raise UsageError(f"{output} would not be what its name says: the {what} is a {right}; name it by -o {example}")
+
+
+def expect_output(target: str) -> None:
+    """Raise OutputFault for a path that cannot be written, before the work, which may take minutes, and not after."""
+    if target != PIPE:
+        with file_beside(Path(target)):
+            pass
 
 
 def head_file(path: str | None) -> Path | None:

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from service.ahead import FaceNetworks
-from service.cli.files import check_paths, head_file, progress_bar, tell_result
+from service.cli.files import check_paths, expect_output, head_file, progress_bar, tell_result
 from service.cli.flags import AVATAR, MAPS, Head, Json, asked, with_flags
-from service.errors import AvatarError, UnsupportedFormat, UsageError
+from service.errors import AvatarError, UsageError
 from service.options import Options
 from service.photo.gate import expect_photo
 from service.photo.limits import PIPE, called, read_file
-from service.photo.video import VideoLimits, is_video
+from service.photo.video import VideoLimits, expect_video
 
 if TYPE_CHECKING:
     from service.archive.avatar import Avatar
@@ -70,8 +70,8 @@ def make(
     data = [read_file(photo) for photo in photos or ()]
     if video is not None:
         data.append(read_file(video, "video", VideoLimits().max_bytes))
-        if not is_video(data[-1]):
-            raise UnsupportedFormat(f"{called(video)} is no video that is read: MP4, QuickTime and WebM are")
+        expect_video(data[-1], called(video))
+    expect_output(target)
     with progress_bar() as progress, naming(files):
         # After the cheap checks, as importing the program takes a large part of a second; meanwhile others begin.
         expect_photo()
@@ -162,6 +162,7 @@ def maps(
     check_paths(output, {"texture": texture, "mesh": mesh}, what="archive", example="OUT.zip", as_json=as_json)
     chosen_head = head_file(head)
     image, model = read_file(texture, "texture", 200_000_000), read_file(mesh, "mesh", 64 << 20)
+    expect_output(output)
     with progress_bar() as progress:
         from service.archive.pack import write_archive
         from service.external import external_maps, make_external, mesh_type

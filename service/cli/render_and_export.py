@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.files import check_paths, progress_bar, tell_result, write_bytes
+from service.cli.files import check_paths, expect_output, progress_bar, tell_result, write_bytes
 from service.cli.flags import Flag, Json, parsed, with_flags
 from service.errors import UsageError
 from service.options import parse_size
@@ -47,7 +47,9 @@ def render(
 
     begin, wanted = time.perf_counter(), parsed(PICTURE, flags)
     inputs = {"archive": archive} | {name: wanted[name] for name in ("scene",) if name in wanted}
-    check_paths(output, inputs, what="picture", example="IMAGE.png", as_json=as_json)
+    film = "FILM.gif" if output.lower().endswith(".gif") else "FILM.mp4"
+    what, example = ("film", film) if "turntable" in wanted else ("picture", "IMAGE.png")
+    check_paths(output, inputs, what=what, example=example, as_json=as_json)
     if "scene" in wanted:
         text = read_file(wanted["scene"], "scene", 1 << 20).decode("utf-8", "replace")
         wanted["scene"] = Scene.from_json(text)
@@ -58,6 +60,7 @@ def render(
 
     turntable = wanted.pop("turntable", None)
     request = RenderRequest(**wanted)
+    expect_output(output)
     if turntable is not None:
         _film(archive, output, request, turntable, begin, as_json=as_json)
         return

@@ -114,6 +114,13 @@ class Scene:
     viewpoints: Annotated[tuple[_Place, ...], MinLen(1), MaxLen(16)] = (DEFAULT_VIEW,)
     response: Response = Response()
 
+    def dark(self) -> bool:
+        """Whether no light comes from anywhere."""
+        sky = self.environment
+        colours = (sky.zenith, sky.horizon, sky.ground, *(box.radiance for box in sky.softboxes))
+        lit = sky.strength > 0 and (sky.name is not None or any(map(any, colours)))
+        return not lit and not any(any(light.intensity) for light in self.lights)
+
     def exposed(self, exposure: float) -> Scene:
         """The same scene with the exposure fixed."""
         return dataclasses.replace(self, response=dataclasses.replace(self.response, exposure=exposure))

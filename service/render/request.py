@@ -86,7 +86,10 @@ class RenderRequest(Checked):
     ] = 1.0
 
     def __post_init__(self) -> None:
-        """Check the number of samples."""
+        """Check the number of samples, and that there is light."""
+        if self.scene.dark():
+            words = "the scene has no light, so the picture would be black; give it an 'environment' or 'lights'"
+            raise UsageError(words, field="scene")
         width, height = self.size
         if width * height * self.samples**2 > LARGEST_PIXELS:
             raise UsageError(

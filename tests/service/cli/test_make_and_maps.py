@@ -221,6 +221,29 @@ def test_a_zip_is_not_poured_over_a_terminal(monkeypatch: pytest.MonkeyPatch) ->
         destination(["me.jpg"], "-", as_json=False)
 
 
+@pytest.mark.parametrize("output", ["no/such/folder/x.zip", "folder", "a" * 300 + ".zip"])
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(
+    output: str, run: Run, photo: Path, asked: list[Any], tmp_path: Path
+) -> None:
+    (tmp_path / "folder").mkdir()
+    target = str(tmp_path / output)
+    for given in (("make", str(photo)), ("maps", "--texture", str(photo), "--mesh", str(photo))):
+        status, out, err = run(*given, "-o", target)
+        assert (status, out) == (1, "")
+        assert "cannot write" in err and output in err
+    assert not asked
+    assert sorted(os.listdir(tmp_path)) == ["folder", "me.jpg"]
+
+
+@pytest.mark.parametrize("output", ["me.glb", "me.PNG", "me.mp4"])
+def test_an_archive_is_not_named_as_something_else(output: str) -> None:
+    """A zip that was called me.glb was opened by no viewer, and nothing had said why."""
+    with pytest.raises(UsageError, match=r"would not be what its name says: the archive is a \.zip"):
+        destination(["me.jpg"], output, as_json=False)
+    for free in ("me", "me.v2", "me.ZIP", "/dev/stdout"):
+        assert destination(["me.jpg"], free, as_json=False) == free
+
+
 def test_the_photo_is_not_overwritten(tmp_path: Path) -> None:
     photo = tmp_path / "me.zip"  # a JPEG by content, whatever its name says
     photo.write_bytes(b"\xff\xd8")

@@ -53,6 +53,11 @@ def run(*arguments: object, data: bytes = b"") -> Any:
         (("-", "--scene", "-", "-o", "x.png"), 2, "both"),
         (("{bad}", "-o", "x.png"), 4, "archive"),
         (("{archive}", "-o", "{folder}/no/x.png"), 1, "cannot write"),
+        (("{archive}", "-o", "x.JPG"), 2, "x.JPG would not be what its name says: the picture is a .png"),
+        (("{archive}", "-o", "x.mp4"), 2, "IMAGE.png"),
+        (("{archive}", "-o", "x.png", "--turntable", "3"), 2, "the film is a .mp4"),
+        (("{archive}", "-o", "x.png", "--scene", "{dark}"), 2, "the scene has no light"),
+        (("{bad}", "-o", "{folder}/no/x.png"), 1, "cannot write"),  # before the work
     ],
 )
 def test_what_is_wrong_is_said(
@@ -60,8 +65,10 @@ def test_what_is_wrong_is_said(
 ) -> None:
     bad = tmp_path / "bad.json"
     bad.write_text('{"environment": {"strength": -1}}')
+    dark = tmp_path / "dark.json"
+    dark.write_text('{"viewpoints": [[0, 0, 1]]}')
     monkeypatch.chdir(tmp_path)
-    filled = [each.format(archive=archive, bad=bad, folder=tmp_path) for each in arguments]
+    filled = [each.format(archive=archive, bad=bad, dark=dark, folder=tmp_path) for each in arguments]
     sized = filled if "--size" in filled else [*filled, "--size", "24x24", "--samples", "1"]
     result = run(*sized)
     assert result.exit_code == status, result.output
