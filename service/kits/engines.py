@@ -17,7 +17,7 @@ from service.archive.glb import chart_textures, glb_bytes
 from service.archive.images import NORMAL_SCALE, NORMAL_ZERO, encode_png
 from service.archive.reading import unpack_map
 from service.archive.surfaces import Piece
-from service.arrays import Float32, Int64, UInt8
+from service.arrays import Int64, UInt8
 from service.geometry.remesh import Subdivision, collapsed
 from service.image_filters import resized
 from service.kits.source import extract, kit_facts, materials_of, read_parts, write, write_light
@@ -184,10 +184,10 @@ def write_engine_kit(source: ArchiveFile, folder: Path, tool: str) -> list[Path]
         BadArchive: the archive cannot be used.
         OutputFault: a file could not be written.
     """
-    charts = KitCharts(source)
+    charts, facts = KitCharts(source), kit_facts(source)  # what can be refused comes before what is written
     more = ("mesh/head.usda", "mesh/head.mtlx", "maps/") if tool == "maya" else ()
     always = ("LICENSES.md", "maps/displacement.png", "maps/wrinkle_", "mesh/hair.usda")
-    written = extract(source, folder, (*always, *more))
+    written = write_light(source, folder) + extract(source, folder, (*always, *more))
     materials = materials_of(source)
     parts = [part for part in read_parts(source.read("mesh/head.usda"), source.manifest, materials)
              if part.material.opacity > 0]  # fmt: skip
@@ -199,18 +199,16 @@ def write_engine_kit(source: ArchiveFile, folder: Path, tool: str) -> list[Path]
             written.append(path)
             textures.append({"file": f"textures/{path.name}", "srgb": one.srgb, "use": one.use})
     pictures, head = glb_charts(charts), source.manifest["head"]
-    facts = kit_facts(source)
     levels = []
     for number, level in enumerate(levels_of_detail(parts)):
         path = folder / f"head_lod{number}.glb"
         data = glb_bytes(
-            level, pictures, units=facts["units"], expression=facts["expression"], head=head["name"],
-            licence=head["licence"],
+            level, pictures, units=facts["units"], expression=facts["expression"],
+            head=str(head.get("name", "head")), licence=str(head.get("licence", "unknown")),
         )  # fmt: skip
         write(path, data)
         written.append(path)
         levels.append({"file": path.name, "triangles": sum(map(triangles, level))})
-    written += write_light(source, folder)
     facts = {"tool": tool, "levels": levels, "textures": textures, **facts}
     write(folder / "kit.json", (json.dumps(facts, indent=1) + "\n").encode())
     return [*written, folder / "kit.json"]
@@ -281,7 +279,10 @@ def reduced(part: MeshPart, shares: Sequence[float]) -> list[MeshPart]:
         return [_fewer_ribbons(part, share) for share in shares]
     piece = Piece.of(part)
     wanted = [max(round(len(piece.triangles) * share), 4) for share in shares]
-    return [_with(part, piece, kept) for kept in collapsed(_poses(part), piece.triangles, piece.vertex, wanted)]
+    # At rest, and in each pose that moves it.
+    moving = ([part.targets[unit] for unit in units if unit in part.targets] for units in JUDGED)
+    poses = [part.neutral, *(np.asarray(part.neutral + sum(offsets), np.float32) for offsets in moving if offsets)]
+    return [_with(part, piece, kept) for kept in collapsed(poses, piece.triangles, piece.vertex, wanted)]
 
 
 def _fewer_ribbons(part: MeshPart, share: float) -> MeshPart:
@@ -324,9 +325,3 @@ def _with(part: MeshPart, piece: Piece, kept: Int64) -> MeshPart:
         targets={unit: offsets[vertex] for unit, offsets in part.targets.items()},
         normals=None if part.normals is None else part.normals[vertex],
     )
-
-
-def _poses(part: MeshPart) -> list[Float32]:
-    """The part at rest, and in each pose of ``JUDGED`` that moves it."""
-    moving = ([part.targets[unit] for unit in units if unit in part.targets] for units in JUDGED)
-    return [part.neutral, *(np.asarray(part.neutral + sum(offsets), np.float32) for offsets in moving if offsets)]

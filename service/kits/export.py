@@ -28,10 +28,10 @@ def write_blender_kit(source: ArchiveFile, folder: Path) -> list[Path]:
     """Write the files that Blender's script needs, and the script."""
     from service.kits.source import extract, kit_facts, write, write_light
 
-    written = extract(source, folder, ("maps/", "mesh/head.usda", "mesh/hair.usda", "LICENSES.md"))
+    facts = kit_facts(source)  # what can be refused comes before what is written
     light = write_light(source, folder)
-    written += light
-    facts = kit_facts(source) | {"environment": light[0].name if light else None}
+    written = light + extract(source, folder, ("maps/", "mesh/head.usda", "mesh/hair.usda", "LICENSES.md"))
+    facts |= {"environment": light[0].name if light else None}
     write(folder / "kit.json", (json.dumps(facts, indent=1) + "\n").encode())
     write(folder / "avatar_scene.py", SCRIPT.read_bytes())
     return [*written, folder / "kit.json", folder / "avatar_scene.py"]

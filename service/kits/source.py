@@ -144,13 +144,16 @@ LEAST_SKIN = 50
 
 
 def kit_facts(archive: ArchiveFile) -> dict[str, Any]:
-    """What ``kit.json`` says of the head in every kit."""
+    """What ``kit.json`` says of the head in every kit; BadArchive where the manifest has other things in its places."""
     manifest = archive.manifest
-    fit = manifest.get("fit") or {}
     named = {name: manifest.get(name) for name in ("parts", "materials", "joints", "displacement", "camera")}
-    folds = {one["role"]: {"path": one["path"], "units": one["units"]} for one in manifest["maps"] if one.get("units")}
-    expression = fit.get("expression", {})
-    return {"units": manifest["head"]["blendshapes"], "expression": expression, "wrinkles": folds, **named}
+    try:
+        folds = [one for one in manifest["maps"] if one.get("units")]
+        wrinkles = {one["role"]: {"path": one["path"], "units": one["units"]} for one in folds}
+        expression = dict((manifest.get("fit") or {}).get("expression", {}))
+        return {"units": manifest["head"]["blendshapes"], "expression": expression, "wrinkles": wrinkles, **named}
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise BadArchive(f"the head, the fit or a map of the manifest cannot be used: {error}") from error
 
 
 def write_light(archive: ArchiveFile, folder: Path) -> list[Path]:
@@ -171,15 +174,20 @@ def environment(source: ArchiveFile) -> bytes | None:
     light = fit.get("light") if isinstance(fit, dict) else None
     if not isinstance(light, dict) or not isinstance(camera, dict):
         return None
-    coefficients = np.array(light["coefficients"], np.float64) / _skin(source)
+    try:
+        coefficients = np.array(light["coefficients"], np.float64).reshape(9, 3) / _skin(source)
+        turn = np.array(camera["rotation"], np.float64).reshape(3, 3)
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadArchive(f"the camera or the light of the manifest cannot be used: {error}") from error
     width, height = SIZE
     longitude = np.pi * (1 - 2 * (np.arange(width) + 0.5) / width)
     latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)
     around, up = np.meshgrid(longitude, latitude)
     z_up = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1)
     head = np.stack([z_up[..., 0], z_up[..., 2], -z_up[..., 1]], -1)
-    seen = head @ np.array(camera["rotation"], np.float64).T
-    radiance = np.einsum("...k,kc->...c", basis(seen), coefficients)
+    radiance = np.einsum("...k,kc->...c", basis(head @ turn.T), coefficients)
+    if not np.all(np.abs(radiance) < 1e6):  # the most of a scene; also where it is no number
+        raise BadArchive("the camera or the light of the manifest cannot be used: it is not finite")
     return exr_bytes(np.maximum(radiance, 0).astype(np.float32))
 
 

@@ -169,6 +169,38 @@ def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:
         export_kit(tmp_path / "evil.zip", "unity", tmp_path / "kit")
 
 
+@pytest.mark.parametrize("tool", ["blender", "maya"])
+@pytest.mark.parametrize(
+    ("where", "value"),
+    [
+        (("camera",), {}),
+        (("camera", "rotation"), [[float("nan")] * 3] * 3),
+        (("fit", "light"), {"coefficients": [[1e300] * 3] * 9}),
+        (("fit", "light"), {"coefficients": "bright"}),
+        (("fit", "expression"), [1, 2]),
+        (("head",), None),
+        (("maps",), [{"units": ["jawOpen"]}]),
+    ],
+)
+def test_a_manifest_of_other_things_is_refused_before_anything_is_written(
+    archive: Path, tmp_path: Path, tool: str, where: tuple[str, ...], value: object
+) -> None:
+    with zipfile.ZipFile(archive) as whole, zipfile.ZipFile(tmp_path / "odd.zip", "w") as odd:
+        for name in whole.namelist():
+            data = whole.read(name)
+            if name == "manifest.json":
+                manifest = json.loads(data)
+                manifest["camera"] = {"rotation": np.eye(3).tolist()}
+                manifest["fit"]["light"] = {"coefficients": [[1.0] * 3] * 9}
+                inner = manifest if len(where) == 1 else manifest[where[0]]
+                inner[where[-1]] = value
+                data = json.dumps(manifest).encode()
+            odd.writestr(name, data)
+    with pytest.raises(BadArchive, match="cannot be used"):
+        export_kit(tmp_path / "odd.zip", tool, tmp_path / "kit")
+    assert not (tmp_path / "kit").exists()
+
+
 def test_of_hair_whole_ribbons_are_left_and_get_wider() -> None:
     hair, edge, cap = hair_parts(make_groom(NAMED["bob"], 3, 1500), mean_scalp(), Budget(9_000, 256))
     for part in (hair, edge, cap):
