@@ -122,7 +122,7 @@ def test_a_slow_picture_is_ended_at_its_deadline(api: Api, finished: str) -> Non
 
 def test_a_fault_of_the_renderer_is_a_problem(api: Api, finished: str) -> None:
     """Found by the child only: it knows where the head is."""
-    content = {"avatar": finished, "scene": {"viewpoints": [[0, 0, 0.01]]}}
+    content = {"avatar": finished, "scene": {"environment": {"name": "studio"}, "viewpoints": [[0, 0, 0.01]]}}
     job = api.ask(RENDERS, content, Prefer="respond-async").json()["id"]
     api.work("render", archive_program="service.jobs.archive_process")
     error = api.client.get(f"/v1/renders/{job}").json()["error"]
