@@ -54,8 +54,9 @@ def photo_combing(sight: Sight) -> Combing:
 
 RAYS = 72
 """Directions in the picture, from the middle of the head, in which outlines are compared."""
-SMOOTH_RAYS = 1.6
-"""Standard deviation, in rays, of the smoothing of their difference."""
+SMOOTH_RAYS, BESIDE_RAYS, UNTOLD = 1.6, 8.0, 0.3
+"""Standard deviation, in rays, of the smoothing of their difference, and of that for rays of which the photo tells
+nothing; rays that weigh as much as none."""
 FARTHEST_M = (0.03, 0.045)
 """How far the outline is moved at most, inwards and outwards."""
 INWARDS = 0.8
@@ -140,9 +141,13 @@ def _differences(centre: Float64, upwards: float, scale: float, mask: Float32, s
     difference = np.clip(hair - style, -FARTHEST_M[0] * scale, FARTHEST_M[1] * scale)
     rows = np.arange(RAYS)
     apart = np.minimum(rows, RAYS - rows)
-    kernel = np.fft.rfft(np.exp(-0.5 * (apart / SMOOTH_RAYS) ** 2))
-    summed, weight = (np.fft.irfft(np.fft.rfft(row) * kernel, RAYS) for row in (trust * difference, trust))
-    return np.asarray(summed / (np.maximum(weight, 0) + 0.3)), np.maximum(style, 1.0)
+    usual = np.zeros(RAYS)
+    # What the photo's edge cuts off goes on as the outline beside it: sides alone that move would leave a cone.
+    for smooth in (BESIDE_RAYS, SMOOTH_RAYS):
+        kernel = np.fft.rfft(np.exp(-0.5 * (apart / smooth) ** 2))
+        summed, weight = (np.fft.irfft(np.fft.rfft(row) * kernel, RAYS) for row in (trust * difference, trust))
+        usual = (summed + UNTOLD * usual) / (np.maximum(weight, 0) + UNTOLD)
+    return np.asarray(usual), np.maximum(style, 1.0)
 
 
 def _sideways(rays: np.ndarray) -> Float64:

@@ -20,8 +20,18 @@ from service.hair.find_hair import Tried, candidates, choose, grow_hair, painted
 from service.hair.groom import make_groom
 from service.hair.kinds import LENGTHS
 from service.hair.reading import CELLS
-from service.hair.scalp import Scalp
-from service.hair.shape import filled, fitted, one_plait, seen_share, seen_thinning, to_hairline, trimmed, upright
+from service.hair.scalp import CENTRE, Scalp
+from service.hair.shape import (
+    filled,
+    fitted,
+    one_plait,
+    seen_share,
+    seen_thinning,
+    to_hairline,
+    to_outline,
+    trimmed,
+    upright,
+)  # fmt: skip
 from service.hair.sight import Sight, overlap
 from service.hair.style import LENGTHS as LENGTH_NAMES
 from service.hair.style import NAMED, Style, style_to_json
@@ -490,3 +500,16 @@ def test_no_tuft_of_longer_hair_lies_over_the_hairline() -> None:
     length = np.linalg.norm(np.diff(groom.strands, axis=1), axis=2).sum(1)
     assert len(groom) > len(seen.groom) and np.median(length[: len(seen.groom)]) > 0.03
     assert (length[len(seen.groom) :] < 0.02).sum() < 5, "110 of 235 were"
+
+
+def test_hair_that_the_photo_cuts_off_above_goes_on_as_its_sides() -> None:
+    """The sides came in to the photo's outline, the top stayed as its style had it: long hair was a cone."""
+    seen = photographed(NAMED["bob"], 3, HEAD)
+    top = int(np.argwhere(seen.sight.hair > 0.5)[:, 0].min())
+    known = seen.sight.known.copy()
+    known[: top + 12] = 0
+    cut = dataclasses.replace(seen.sight, known=known, hair=seen.sight.hair * known)
+    wide = CENTRE + (seen.groom.strands - CENTRE) * np.float32(1.15)
+    before, after = (np.quantile(one[..., 1], 0.999) for one in (wide, to_outline(wide, cut, SKIN)))
+    usual = np.quantile(seen.groom.strands[..., 1], 0.999)
+    assert before - usual > 0.01 and before - after > 0.4 * (before - usual)
