@@ -141,13 +141,16 @@ def _differences(centre: Float64, upwards: float, scale: float, mask: Float32, s
     difference = np.clip(hair - style, -FARTHEST_M[0] * scale, FARTHEST_M[1] * scale)
     rows = np.arange(RAYS)
     apart = np.minimum(rows, RAYS - rows)
-    usual = np.zeros(RAYS)
-    # What the photo's edge cuts off goes on as the outline beside it: sides alone that move would leave a cone.
-    for smooth in (BESIDE_RAYS, SMOOTH_RAYS):
-        kernel = np.fft.rfft(np.exp(-0.5 * (apart / smooth) ** 2))
+
+    def smoothed(rays: float, untold: Float64) -> Float64:
+        kernel = np.fft.rfft(np.exp(-0.5 * (apart / rays) ** 2))
         summed, weight = (np.fft.irfft(np.fft.rfft(row) * kernel, RAYS) for row in (trust * difference, trust))
-        usual = (summed + UNTOLD * usual) / (np.maximum(weight, 0) + UNTOLD)
-    return np.asarray(usual), np.maximum(style, 1.0)
+        return np.asarray((summed + UNTOLD * untold) / (np.maximum(weight, 0) + UNTOLD))
+
+    # What the photo's edge cuts off comes in as the outline beside it does: sides alone that did would leave a cone.
+    inwards = np.minimum(smoothed(BESIDE_RAYS, np.zeros(RAYS)), 0)
+    beside = np.where(apart * (360 / RAYS) < TOP_DEG, inwards, 0.0)
+    return smoothed(SMOOTH_RAYS, beside), np.maximum(style, 1.0)
 
 
 def _sideways(rays: np.ndarray) -> Float64:
