@@ -241,13 +241,12 @@ def make_external(
             progress=lambda name, done: progress(name, 0.1 + 0.8 * done),
         )  # fmt: skip
         timings |= reflectance.timings_s
-    stated, still = options.to_json(), np.zeros(len(head.expression_names))
-    placeholder = Camera(1, 1, 1.0, np.zeros(2), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.2]))  # not written
+    stated = options.to_json()
     return Avatar(
         photo=Photo(image.pixels, None, image.sha256, tuple(w for w in image.warnings if w != "focal-ignored")),
         face=Face(np.zeros(4), 0.0, np.zeros((6, 2)), np.zeros((468, 3)), 0.0),
         head=head,
-        fit=Fit(placeholder, np.zeros(0), still, vertices, vertices, None, 0.0, 0.0),
+        fit=unfitted(head, vertices),
         texture=made,
         options={name: stated[name] for name in _OPTIONS},
         seed=options.seed,
@@ -258,6 +257,15 @@ def make_external(
         timings_s=timings,
         peak_rss_mb=peak_rss_mb(),
     )
+
+
+def unfitted(head: HeadModel, vertices: Float32) -> Fit:
+    """A fit that holds the shape alone, without expression; its camera, light and errors are placeholders, never
+    written.
+    """
+    camera = Camera(1, 1, 1.0, np.zeros(2), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.2]))
+    still = np.zeros(len(head.expression_names))
+    return Fit(camera, np.zeros(0), still, vertices, vertices, None, 0.0, 0.0)
 
 
 def check_aspect(width: int, height: int) -> None:

@@ -122,13 +122,7 @@ class Plan:
         self._tables.executemany("insert into photos values (?, ?, ?, ?)", found)
         self._tell_apart()
         if own is not None:
-            count = own[1]
-
-            def part(name: bytes) -> int:
-                """By a hash, so that all machines agree without a word."""
-                return int.from_bytes(hashlib.sha256(name).digest()[:8], "big") % count + 1
-
-            self._tables.create_function("part", 1, part, deterministic=True)
+            self._tables.create_function("part", 1, lambda name: part_of(name, own[1]), deterministic=True)
             run("delete from photos where part(name) != ?", (own[0],))
         if settled is not None:
             run("delete from photos where modified > ?", (settled,))
@@ -242,6 +236,11 @@ class Plan:
                 (name + self._product.encode(), _fold(os.fsdecode(name) + self._product), name) for (name,) in rows
             )
             self._tables.executemany("update photos set archive = ?, fold = ? where name = ?", longer)
+
+
+def part_of(name: bytes, count: int) -> int:
+    """Which of ``count`` parts a photo belongs to, from 1: by its name, so that all machines agree without a word."""
+    return int.from_bytes(hashlib.sha256(name).digest()[:8], "big") % count + 1
 
 
 def manifest_name(round_name: str, number: int) -> str:

@@ -148,9 +148,7 @@ class _Pauses:
     def __call__(self, error: Exception) -> bool | float:
         now = time.monotonic()
         if isinstance(error, httpx.TransportError):
-            # A certificate that is wrong stays wrong; a request that cannot be written is our fault.
-            ours = isinstance(error, httpx.LocalProtocolError | httpx.UnsupportedProtocol)
-            return not ours and "CERTIFICATE" not in str(error) and now - self._heard < SILENCE_S
+            return not _hopeless(error) and now - self._heard < SILENCE_S
         if not isinstance(error, Setback) or not error.again:
             return False
         self._heard = now
@@ -229,6 +227,11 @@ def _content(response: httpx.Response, most: int) -> bytes:
         if len(data) > most:
             raise UnexpectedAnswer(f"the server's answer is longer than {most} bytes")
     return bytes(data)
+
+
+def _hopeless(error: httpx.TransportError) -> bool:
+    """A certificate that is wrong stays wrong; a request that cannot be written is our fault."""
+    return isinstance(error, httpx.LocalProtocolError | httpx.UnsupportedProtocol) or "CERTIFICATE" in str(error)
 
 
 def _checked_address(server: str) -> str:

@@ -243,8 +243,7 @@ class FaceFinder:
             if gap <= CONSISTENT:
                 break
             seen = again
-        # Detector and mesh together show a face: a clear mesh, or a weak one with a strong detection.
-        if best is None or not best[2].logit >= (ABSENT if best[1].score >= STRONG else UNCERTAIN):
+        if best is None or not is_face(best[1], best[2]):
             return None
         return _face(pixels, *best)
 
@@ -287,6 +286,11 @@ def photo_tiles(width: int, height: int, side: float, angle: float = 0.0) -> lis
         return np.asarray(np.linspace(side / 2, length - side / 2, count))
 
     return [Region(float(x), float(y), side, angle) for y in centres(height) for x in centres(width)]
+
+
+def is_face(detection: Detection, mesh: Mesh) -> bool:
+    """Whether detector and mesh together show a face: a clear mesh, or a weak one with a strong detection."""
+    return mesh.logit >= UNCERTAIN or (mesh.logit >= ABSENT and detection.score >= STRONG)
 
 
 def _close(one: Detection, other: Detection) -> bool:

@@ -38,6 +38,12 @@ class JsonFormatter(logging.Formatter):
         return json.dumps(entry, default=str)
 
 
+def is_cancellation(record: logging.LogRecord) -> bool:
+    """Whether the queue's library tells of a job that its owner cancelled, as of an error; our own line tells that."""
+    kind = record.exc_info[0] if record.exc_info else None
+    return record.name == "dbos" and kind is not None and kind.__name__.endswith("WorkflowCancelledError")
+
+
 class Background(logging.Handler):
     """Writes in a thread of its own, so that nobody waits for a reader of the log that is slow or has stopped.
 
@@ -53,9 +59,7 @@ class Background(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Hand a record to the thread."""
-        # The queue's library tells of a job that its owner cancelled as of an error; our own line tells that.
-        kind = record.exc_info[0] if record.exc_info else None
-        if record.name == "dbos" and kind is not None and kind.__name__.endswith("WorkflowCancelledError"):
+        if is_cancellation(record):
             return
         if self._waiting.qsize() >= MOST_WAITING:
             self._lost += 1

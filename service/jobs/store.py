@@ -149,7 +149,7 @@ class Store:
             if found is None:
                 raise
             raise KeyInUse(found) from None
-        telemetry.log_line("accepted", row, priority=row["priority"], turn=row["turn"], bytes=row["photo_bytes"])
+        telemetry.log_accepted(row)
         return row
 
     def room(self, tenant: str, bounds: Bounds) -> None:
@@ -184,7 +184,7 @@ class Store:
                         transaction.rollback()
                         continue
                     telemetry.count_change(connection, job["tenant"], job["state"], "running")
-                telemetry.log_line("started", row, waited_s=round((row["started_at"] or now()) - row["created_at"], 3))
+                telemetry.log_started(row)
                 return str(row["id"])
 
     def progress(self, job: str, stage: str, share: float, known: str | None = None) -> bool:
@@ -199,8 +199,7 @@ class Store:
         with self.engine.begin() as connection:
             row = self._changed(connection, job, "progress", ("running",), stage=stage, progress=most)
         if row is not None and stage != known:
-            began = row["started_at"] or row["created_at"]
-            telemetry.log_line("stage", row, stage=stage, after_s=round(now() - began, 3))
+            telemetry.log_stage(row, stage)
         return row is not None
 
     def attempt(self, job: str) -> int:
@@ -281,8 +280,7 @@ class Store:
                 telemetry.count_stages(connection, json.loads(row["timings"]))
                 telemetry.count_change(connection, row["tenant"], before, row["state"])
             telemetry.log_ended(row)
-            if (tracer := telemetry.tracer()) is not None:
-                telemetry.spans(tracer, row)
+            telemetry.trace_ended(row)
             return True
 
     def _changed(

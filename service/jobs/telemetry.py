@@ -20,6 +20,22 @@ Row = sa.RowMapping
 log = logging.getLogger(__name__)
 
 
+def log_accepted(row: Row) -> None:
+    """A job was stored and waits."""
+    _log_line("accepted", row, priority=row["priority"], turn=row["turn"], bytes=row["photo_bytes"])
+
+
+def log_started(row: Row) -> None:
+    """A worker took a job up, for the first time or again."""
+    _log_line("started", row, waited_s=round((row["started_at"] or now()) - row["created_at"], 3))
+
+
+def log_stage(row: Row, name: str) -> None:
+    """A job has come to its next stage."""
+    began = row["started_at"] or row["created_at"]
+    _log_line("stage", row, stage=name, after_s=round(now() - began, 3))
+
+
 def log_ended(row: Row) -> None:
     """A job is in its last state. That somebody cancelled it, or that a photo cannot be used, is no fault of ours."""
     began = row["started_at"]
@@ -31,11 +47,10 @@ def log_ended(row: Row) -> None:
         "stages_s": json.loads(row["timings"]), "peak_rss_mb": row["peak_rss_mb"], "crashes": row["crashes"],
     }  # fmt: skip
     level = logging.ERROR if int(problem.get("status", 0)) >= 500 else logging.INFO
-    log_line("ended", row, level, **facts)
+    _log_line("ended", row, level, **facts)
 
 
-def log_line(event: str, row: Row, level: int = logging.INFO, **facts: Any) -> None:
-    """One turn in the life of a job."""
+def _log_line(event: str, row: Row, level: int = logging.INFO, **facts: Any) -> None:
     who = {"event": event, "job": row["id"], "tenant": row["tenant"], "kind": row["kind"]}
     log.log(level, "job %s", event, extra=who | facts)
 
@@ -114,6 +129,13 @@ def traceparent(headers: Mapping[str, str]) -> str | None:
     """The trace that a request belongs to; None for none, or for what is not of the form."""
     value = headers.get("traceparent", "").strip()
     return value if _PARENT.match(value) else None
+
+
+def trace_ended(row: sa.RowMapping) -> None:
+    """Tell of a job that is in its last state."""
+    found = tracer()
+    if found is not None:
+        spans(found, row)
 
 
 def spans(made_by: Any, row: sa.RowMapping) -> None:
