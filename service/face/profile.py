@@ -90,7 +90,7 @@ def turned_further(face: Face, reading: Reading, head: HeadModel) -> Face:
         head: average head with the landmark embedding.
     """
     model = LandmarkModel(head, 0)
-    told = _yaw_deg(weak_pose(model.at_yaw(0.0).mean, face.landmarks[:, :2], np.ones(LANDMARK_COUNT)))
+    told = weak_pose(model.at_yaw(0.0).mean, face.landmarks[:, :2], np.ones(LANDMARK_COUNT)).yaw_deg
     if abs(told) < TURNED_DEG:
         return face
     seen = _profile(head, model, reading)
@@ -145,7 +145,7 @@ def _profile(head: HeadModel, model: LandmarkModel, reading: Reading) -> Profile
         pose = weak_pose(points, found.pixels, weight)
     off = found.pixels - _shown(pose, points)[:, :2]
     agrees = np.linalg.norm(off, axis=1) < NEAR_MM * 1e-3 * pose.scale
-    yaw = _yaw_deg(pose)
+    yaw = pose.yaw_deg
     places = model.at_yaw(yaw).mean
     landmarks = _shown(pose, places)
     if landmarks.shape != (LANDMARK_COUNT, 3) or not np.isfinite(landmarks).all():
@@ -155,10 +155,6 @@ def _profile(head: HeadModel, model: LandmarkModel, reading: Reading) -> Profile
     typical = float(np.median(certain))  # a landmark without cells around it stays where the pose has it
     landmarks[:, :2] += near @ off / (total + max(typical, 1e-12))
     return Profile(landmarks, float(agrees.mean()), len(points), yaw)
-
-
-def _yaw_deg(pose: WeakPose) -> float:
-    return float(np.degrees(np.arctan2(pose.rotation[2, 0], -pose.rotation[2, 2])))
 
 
 def _shown(pose: WeakPose, points: Float64) -> Float64:

@@ -24,7 +24,7 @@ from service.geometry.mesh import face_normals
 from service.geometry.nearest import Nearest
 from service.hair.atlas import SAMPLES, Atlas, Cells, Strokes, cell_corners, draw_atlas
 from service.hair.groom import Groom
-from service.hair.scalp import CELL_M, LOW, Field, Scalp, unit
+from service.hair.scalp import CELL_M, LOW, Field, Scalp, length_of, unit
 from service.hair.style import WAVES
 from service.levels import QualityName
 from service.materials.material import Material, OwnMap
@@ -124,7 +124,7 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     edge = on_hairline(groom.strands[:, 0])
     cap = _cap(groom, scalp)
     wanted = {name: int(share * max(budget.triangles - len(cap[3]), 0)) for name, share in SHARES.items()}
-    length = float(np.median(np.linalg.norm(np.diff(groom.strands, axis=1), axis=2).sum(1)))
+    length = float(np.median(length_of(groom.strands)))
     rows = _rows(length, len(groom), wanted["body"])
     inner_rows = max(ROWS[0], rows // 2)
     at, inner_at, hair_at = (places(length, count) for count in (rows, inner_rows, min(rows, 6)))
@@ -219,8 +219,8 @@ class Ribbons:
         squares = _means(label, offset[..., None] ** 2, len(number))[..., 0]
         usual = np.average(squares, axis=0, weights=number)
         spread = np.sqrt((number[:, None] * squares + PRIOR * usual) / (number[:, None] + PRIOR))
-        run = np.linalg.norm(np.diff(line, axis=1), axis=2).sum(1, keepdims=True)
-        half = np.clip(SPREAD * spread, NARROWEST_M, np.minimum(WIDEST_M, SLENDER * run + NARROWEST_M))
+        slender = SLENDER * length_of(line)[:, None] + NARROWEST_M
+        half = np.clip(SPREAD * spread, NARROWEST_M, np.minimum(WIDEST_M, slender))
         half = np.maximum(half, 0.6 * half.max(1, keepdims=True))
         return cls(line, across, half.astype(np.float32), label, at)
 
@@ -258,14 +258,14 @@ class Ribbons:
     def ends(self, strands: Float32) -> Float32:
         """(N,) where strands end along their ribbon, 1 at its end."""
         last = self.line[:, -1] - self.line[:, -2]
-        run = np.linalg.norm(np.diff(self.line, axis=1), axis=2).sum(1)
-        back = ((strands[:, -1] - self.line[self.label, -1]) * unit(last)[self.label]).sum(1) / run[self.label]
+        back = ((strands[:, -1] - self.line[self.label, -1]) * unit(last)[self.label]).sum(1)
+        back /= self.length[self.label]
         return np.asarray(np.clip(1 + back, 0.55, 1.0), np.float32)
 
     @property
     def length(self) -> Float32:
         """(K,) metres."""
-        return np.asarray(np.linalg.norm(np.diff(self.line, axis=1), axis=2).sum(1), np.float32)
+        return length_of(self.line)
 
 
 def facing(line: Float32, outwards: Float32, rng: np.random.Generator) -> Float32:

@@ -11,10 +11,11 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
-from pydantic import ConfigDict, Strict
+from pydantic import Strict
 from pydantic.dataclasses import dataclass as checked_dataclass
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int64
+from service.checks import CHECKED
 from service.colour import luma, srgb_to_linear
 
 EUMELANIN = np.array([0.419, 0.697, 1.37], np.float32)
@@ -44,7 +45,7 @@ _Amount = Annotated[float, Strict(), Ge(0), Le(20)]
 _Share = Annotated[float, Strict(), Ge(0), Le(1)]
 
 
-@checked_dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@checked_dataclass(frozen=True, config=CHECKED)
 class Melanin:
     """Pigment of a head of hair.
 

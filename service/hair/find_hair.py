@@ -232,10 +232,10 @@ def painted(
     if read is None or sight is None:
         return _guessed(guess, count, rng)
     pixels = bytes_to_linear(sight.region.cut(photo.pixels, PIXELS))
-    grown = np.kron(np.asarray(_well_within(read, photo), np.float32), np.ones((3, 3), np.float32))
+    told = np.kron(_well_within(read, photo), np.ones((3, 3), np.bool_)) & (pixels.max(-1) < 0.98)
     bright = np.log(np.maximum(luma(pixels), 1e-4))
-    inner = (grown > 0.5) & (pixels.max(-1) < 0.98) & (pixels.max(-1) > BLACK)
-    lit = float(inner.sum()) / max(float(((grown > 0.5) & (pixels.max(-1) < 0.98)).sum()), 1.0)
+    inner = told & (pixels.max(-1) > BLACK)
+    lit = float(inner.sum()) / max(float(told.sum()), 1.0)
     if int(inner.sum()) < LEAST_PIXELS:
         return _guessed(guess, count, rng)
     low, high = np.quantile(bright[inner], RANKS)
@@ -253,7 +253,7 @@ def painted(
     level *= np.clip(CONTRAST * float(flat[inner].std()) / max(float(level.std()), 1e-3), 1, 2)
     # As much light comes off all of them as off the hair in the photo.
     arrives = max(lit, LEAST_LIT) * float(np.exp(bright[inner]).mean())
-    level = np.clip(level + np.log(arrives / float(np.exp(level).mean())), np.log(DARKEST), high)
+    level = np.minimum(level + np.log(arrives / float(np.exp(level).mean())), high)
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
     return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))), shine=SHINE)
 

@@ -18,7 +18,7 @@ from service.arrays import Bool, Float32, Int32, Int64
 from service.geometry.nearest import Nearest
 from service.hair.colour import HairColour
 from service.hair.guides import CLEARANCE_M, GUIDE_POINTS, GUIDES, Combing, groups, grow_several, grown, resampled
-from service.hair.scalp import Roots, Scalp, mean_scalp, unit
+from service.hair.scalp import Roots, Scalp, length_of, mean_scalp, unit
 from service.hair.style import WAVES, Style
 
 NEAR_GUIDES = 3
@@ -120,7 +120,7 @@ def _between(
         apart[own] = np.pad(distance, ((0, 0), (0, fill)), mode="edge")
     weight = 1 / np.maximum(apart, 1e-4)
     weight /= weight.sum(1, keepdims=True)
-    points = _points(style, float(np.median(np.linalg.norm(np.diff(guides, axis=1), axis=2).sum(1))))
+    points = _points(style, float(np.median(length_of(guides))))
     fine = resampled(guides, np.ones(len(guides), np.float32), points)
     offset = fine - fine[:, :1]
     strands = roots.position[:, None] + sum(weight[:, k, None, None] * offset[index[:, k]] for k in range(NEAR_GUIDES))
@@ -196,7 +196,7 @@ def _wandering(style: Style, strands: Float32, rng: np.random.Generator) -> Floa
     noise = knots[:, low] * (1 - smooth) + knots[:, low + 1] * smooth
     noise -= noise[:, :1]
     size = style.frizz_mm / 1000 * np.where(rng.random(count) < style.flyaways, 4.0, 1.0)
-    length = np.linalg.norm(np.diff(strands, axis=1), axis=2).sum(1)
+    length = length_of(strands)
     size = np.minimum(size, 0.1 * length)
     share = np.linspace(0, 1, points, dtype=np.float32)
     return np.asarray((strands + size[:, None, None] * share[None, :, None] * noise), np.float32)

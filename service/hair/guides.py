@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import Bool, Float32, Int64
-from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp, unit
+from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp, length_of, unit
 from service.hair.style import LOOSE, Style
 from service.hair.style import Combing as Combed
 from service.robust import smoothstep
@@ -396,7 +396,7 @@ def _gathered(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.
     spread = rng.normal(0, 1, (len(roots), 3)).astype(np.float32)
     spread *= 0.006 / np.maximum(np.linalg.norm(spread, axis=1, keepdims=True), 1e-6)
     way = way + spread[:, None] * share**4
-    used = np.linalg.norm(np.diff(way, axis=1), axis=2).sum(1)
+    used = length_of(way)
     left = np.maximum(length - used, 0.03)
     outward = unit(skin.outwards(tie))
     tail = _tail(style, way[:, -1], outward, spread, left, skin, rng)

@@ -264,6 +264,11 @@ def mean_scalp() -> Scalp:
     return Scalp.of(load_head())
 
 
+def length_of(lines: Float32) -> Float32:
+    """(N,) lengths of lines through points (N, P, 3)."""
+    return np.asarray(np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(1), np.float32)
+
+
 def unit(vectors: AnyFloat) -> Float32:
     """Vectors (..., 3) of length 1; those of length 0 stay."""
     length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))

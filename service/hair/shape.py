@@ -16,7 +16,7 @@ from service.geometry.nearest import Nearest
 from service.hair.groom import Groom, make_groom
 from service.hair.guides import CLEARANCE_M, DOWN, Combing, bridge, met, recedes, resampled
 from service.hair.reading import CELLS
-from service.hair.scalp import CENTRE, CROWN, Scalp, unit
+from service.hair.scalp import CENTRE, CROWN, Scalp, length_of, unit
 from service.hair.sight import Sight
 from service.hair.style import Style
 from service.image_filters import blurred
@@ -88,7 +88,7 @@ def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
     loose = np.clip(height / 0.006, 0, 1)
     # A head that was fitted larger than the photo's would swallow its hair.
     # What stands farther off the head than it is long would be a spike.
-    gone = np.linspace(0, 1, strands.shape[1]) * np.linalg.norm(np.diff(strands, axis=1), axis=2).sum(1)[:, None]
+    gone = np.linspace(0, 1, strands.shape[1]) * length_of(strands)[:, None]
     own = np.clip(own, -INWARDS * height * scale, STANDS * gone * scale)
     direction = away / np.maximum(length, 1e-6)[..., None]
     flat = np.einsum("npk,ck->npc", direction * (own * share * loose)[..., None], np.linalg.inv(cells_per_m))
@@ -302,7 +302,7 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     height = strands[some[near // len(places)], places[near % len(places)], 1]
     stands = ~np.isfinite(sight.behind[row, column]) & (height > HANGS_BELOW_M)
     deep, face = depth.reshape(-1)[near], sight.behind[row, column]
-    reached = (apart < FARTHEST_CELLS) & ~stands & ~(deep > face + FORWARDS_M)
+    reached = (apart < FARTHEST_CELLS) & ~stands & (deep <= face + FORWARDS_M)
     cells, near, deep, face = cells[reached], near[reached], deep[reached], face[reached]
     strand, place = some[near // len(places)], places[near % len(places)]
     wanted = np.where(np.isfinite(face), face - rng.uniform(*OFF_M, len(cells)), deep)
@@ -321,12 +321,8 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     # Nor is hair combed over a bald head; by its root, as a strand may have been bent before.
     stays = (met(groom.style) == 0) | (bent[..., 1].max(1) < strands[strand, 0, 1] + OVER_M)
     # Tufts over the hairline of hair that is longer would be cut off there.
-    stays &= _lengths(bent) > np.minimum(STUB_M, STUB * _lengths(strands[strand]))
+    stays &= length_of(bent) > np.minimum(STUB_M, STUB * length_of(strands[strand]))
     return groom.joined(bent[stays], groom.root_uv[strand[stays]], strand[stays])
-
-
-def _lengths(strands: Float32) -> Float32:
-    return np.asarray(np.linalg.norm(np.diff(strands, axis=1), axis=2).sum(1), np.float32)
 
 
 SEEN_M = 0.015

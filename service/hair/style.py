@@ -9,9 +9,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
-from pydantic import ConfigDict, Strict, StringConstraints, TypeAdapter
+from pydantic import Strict, StringConstraints, TypeAdapter
 from pydantic.dataclasses import dataclass as checked_dataclass
 
+from service.checks import CHECKED
 from service.hair.colour import Melanin
 
 Gather = Literal["none", "ponytail", "bun", "half_up", "plait", "two_plaits", "pinned"]
@@ -59,7 +60,7 @@ _Share = Annotated[float, Strict(), Ge(0), Le(1)]
 _Metres = Annotated[float, Strict(), Ge(-0.2), Le(0.2)]
 
 
-@checked_dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@checked_dataclass(frozen=True, config=CHECKED)
 class Style:
     """A head of hair.
 

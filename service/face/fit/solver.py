@@ -69,7 +69,7 @@ class State:
     @property
     def yaw_deg(self) -> float:
         """As :meth:`Camera.yaw_pitch_roll_deg` has it."""
-        return float(np.degrees(np.arctan2(self.rotation[2, 0], -self.rotation[2, 2])))
+        return _yaw_deg(self.rotation)
 
     def camera(self, width: int, height: int) -> Camera:
         """The pinhole camera of this pose, principal point in the middle of the photo."""
@@ -115,6 +115,15 @@ class WeakPose:
     rotation: Float64
     scale: float
     offset: Float64
+
+    @property
+    def yaw_deg(self) -> float:
+        """As :meth:`Camera.yaw_pitch_roll_deg` has it."""
+        return _yaw_deg(self.rotation)
+
+
+def _yaw_deg(rotation: Float64) -> float:
+    return float(np.degrees(np.arctan2(rotation[2, 0], -rotation[2, 2])))
 
 
 def weak_pose(points: Float64, pixels: Float64, weights: Float64) -> WeakPose:
