@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -16,7 +17,7 @@ from models.training.eyes import KNOWN, exposed, eye_light, face_zone, lid_zones
 from models.training.facial_hair import Barber
 from models.training.paint import Painter
 from models.training.shadows import hard_light
-from models.training.skins import SWAPPED, darkened, recalibrated, relit
+from models.training.skins import darkened, recalibrated, relit
 from models.training.store import Arrays, Wholes
 from models.training.tasks import FLIPPED, MOST_HELD_OUT, Batch, byte, channels, choice, psnr, uniform
 from service.runtime.network_registry import EYES
@@ -79,19 +80,24 @@ class ContextTask:
 
     def batch(self, size: int, generator: torch.Generator) -> Batch:
         """Random charts under random lights of theirs."""
-        batch = self.of([self._pick(generator) for _ in range(size)])
+        items, others = self._picked(size, generator), self._picked(size, generator)
+        lights = torch.rand(size, generator=generator).tolist()
+        batch = self.of([(item, int(at * len(item["texture"]))) for item, at in zip(items, lights, strict=True)])
+        skin = byte(np.stack([other["albedo"] for other in others]))
+        drawn = (batch["texture"], batch["albedo"])
+        batch["texture"], batch["albedo"] = relit(*drawn, skin, batch["geometry"][:, -1:], generator)
         flip = torch.rand(size, 1, 1, 1, generator=generator) < 0.5
         batch["whites"] = torch.where(flip[..., 0], batch["whites"].flip(1), batch["whites"])
         for name in batch.keys() - {"whites"}:
-            signs = FLIPPED.view(1, -1, 1, 1) if name == "geometry" else 1.0
+            signs = FLIPPED.to(flip.device).view(1, -1, 1, 1) if name == "geometry" else 1.0
             batch[name] = torch.where(flip, batch[name].flip(-1) * signs, batch[name])
         if torch.rand(1, generator=generator) < 0.35:
             names = ["texture", "albedo"]
             mirrored = half_mirrored([batch[n] for n in names], generator, [None, None])
             batch.update(zip(names, mirrored, strict=True))
         batch["texture"], batch["albedo"] = self.painter(batch["texture"], batch["albedo"], generator)
-        for skin in (darkened, recalibrated):
-            batch["texture"], batch["albedo"] = skin(batch["texture"], batch["albedo"], generator)
+        for shade in (darkened, recalibrated):
+            batch["texture"], batch["albedo"] = shade(batch["texture"], batch["albedo"], generator)
         batch["texture"], batch["albedo"], beard = self.barber(batch["texture"], batch["albedo"], generator)
         texture = tinted(hard_light(batch["texture"], batch["geometry"], generator), generator)
         open_ = batch["whites"].isfinite().all(2).any(1)
@@ -111,7 +117,7 @@ class ContextTask:
     def held_out(self) -> list[Batch]:
         """Two lights of each held-out capture."""
         pairs = [(item, light) for item in self.test.items for light in (0, 1)][:MOST_HELD_OUT]
-        generator = torch.Generator().manual_seed(HELD_OUT_SEED)
+        generator = torch.Generator(torch.get_default_device()).manual_seed(HELD_OUT_SEED)
         batches = [self.of(pairs[i : i + 4]) for i in range(0, len(pairs), 4)]
         for batch in batches:
             batch["texture"], batch["albedo"] = recalibrated(batch["texture"], batch["albedo"], generator)
@@ -157,12 +163,9 @@ class ContextTask:
         rows = [batch["texture"], unlit(batch["clean"], result), batch["albedo"]]
         return torch.cat([torch.cat(list(row[:3]), 2) for row in rows], 1)
 
-    def _pick(self, generator: torch.Generator) -> tuple[Arrays, int]:
-        item = self.train.items[choice(generator, len(self.train.items))]
-        light = choice(generator, len(item["texture"]))
-        if float(uniform(generator, 0.0, 1.0, 1)) < SWAPPED:
-            return relit(item, light, self.train.items[choice(generator, len(self.train.items))]), 0
-        return item, light
+    def _picked(self, count: int, generator: torch.Generator) -> list[Arrays]:
+        index = torch.randint(len(self.train.items), (count,), generator=generator)
+        return [self.train.items[i] for i in index.tolist()]
 
     def seeds(self) -> list[int]:
         """The subject of each item of the held-out batches."""
@@ -171,9 +174,9 @@ class ContextTask:
     @staticmethod
     def of(pairs: list[tuple[Arrays, int]]) -> Batch:
         """Charts of (capture, light), all of whose skin is seen."""
-        texture = torch.stack([byte(item["texture"][light]) for item, light in pairs])
-        geometry = torch.stack([torch.from_numpy(item["geometry"].astype("float32")) for item, _ in pairs])
-        albedo = torch.stack([byte(item["albedo"]) for item, _ in pairs])
-        whites = torch.stack([torch.from_numpy(item["whites"][light].astype("float32")) for item, light in pairs])
+        texture = byte(np.stack([item["texture"][light] for item, light in pairs]))
+        geometry = torch.as_tensor(np.stack([item["geometry"] for item, _ in pairs])).float()
+        albedo = byte(np.stack([item["albedo"] for item, _ in pairs]))
+        whites = torch.as_tensor(np.stack([item["whites"][light] for item, light in pairs])).float()
         batch = {"texture": texture, "clean": texture, "albedo": albedo, "geometry": geometry, "lit": geometry[:, -1:]}
         return batch | {"whites": whites}

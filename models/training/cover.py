@@ -53,7 +53,7 @@ class Cover:
         self.scalp, self.neck, self.hidden, self.brows = region_planes(
             ("scalp",), ("neck",), ("mouth_inner", "eye_socket"), ("brow_left", "brow_right")
         )
-        self.skin = torch.from_numpy((chart.part == chart.head.part_names.index("skin")).astype(np.float32))
+        self.skin = torch.as_tensor((chart.part == chart.head.part_names.index("skin")).astype(np.float32))
 
     def __call__(self, geometry: Tensor, generator: torch.Generator) -> Tensor:
         """(N, 1, h, w) in [0, 1]: 1 where the photo shows skin; 0 on eyes and teeth and outside the islands.

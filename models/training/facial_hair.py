@@ -116,12 +116,12 @@ class Barber:
 
     def _beard(self, n: int, generator: torch.Generator) -> Tensor:
         """(N, 1, h, w) where it grows: one of the styles, its edges moved and uneven."""
-        style = STYLES[torch.randint(len(STYLES), (n,), generator=generator)]
+        style = STYLES.to(generator.device)[torch.randint(len(STYLES), (n,), generator=generator)]
         style = style * uniform(generator, 0.6, 1.0, n, 4)
         shape = (n, 1, *self.places.brow.shape)
         where = (self.places.beard[None] * style[:, :, None, None]).amax(1, keepdim=True)
         shift = torch.randn(n, 2, generator=generator) * torch.tensor([0.006, 0.012])
-        where = moved(where, shift, torch.exp(0.06 * torch.randn(n, 2, generator=generator)))
+        where = moved(where, shift[:, None], torch.exp(0.06 * torch.randn(n, 1, 2, generator=generator)))
         uneven = 0.25 * smooth_field(shape, 24, generator) * (where > 0.02)
         edge = uniform(generator, 0.15, 0.6, n, 1, 1, 1)
         return ((where + uneven - edge) / uniform(generator, 0.1, 0.5, n, 1, 1, 1)).clamp(0.0, 1.0)
@@ -130,7 +130,7 @@ class Barber:
         """(N, 1, h, w) likewise of both brows, thin to bushy."""
         shift = torch.randn(n, 2, generator=generator) * torch.tensor([0.006, 0.012])
         size = torch.exp(torch.randn(n, 2, generator=generator) * torch.tensor([0.1, 0.3]))
-        one = moved(self.places.brow.expand(n, 1, -1, -1), shift, size)
+        one = moved(self.places.brow.expand(n, 1, -1, -1), shift[:, None], size[:, None])
         edge = uniform(generator, 0.05, 0.4, n, 1, 1, 1)
         both = torch.maximum(one, one.flip(-1))
         return ((both - edge) / 0.3).clamp(0.0, 1.0)
@@ -151,6 +151,7 @@ class Barber:
     @staticmethod
     def _colour(n: int, generator: torch.Generator) -> Tensor:
         """(N, 3, 1, 1) linear."""
-        chosen = COLOURS[torch.multinomial(OFTEN, n, replacement=True, generator=generator)]
+        here = generator.device
+        chosen = COLOURS.to(here)[torch.multinomial(OFTEN.to(here), n, replacement=True, generator=generator)]
         about = torch.exp(0.25 * torch.randn(n, 1, generator=generator) + 0.08 * torch.randn(n, 3, generator=generator))
         return (chosen * about).clamp(max=0.6)[..., None, None]

@@ -13,5 +13,4 @@ def follow(average: nn.Module, network: nn.Module, step: int, most: float = MOST
     """Move the average towards the network, after ``step`` steps before this one; in the beginning it keeps less."""
     decay = min(most, (1.0 + step) / (10.0 + step))
     with torch.no_grad():
-        for slow, fast in zip(average.parameters(), network.parameters(), strict=True):
-            slow.lerp_(fast, 1.0 - decay)
+        torch._foreach_lerp_(list(average.parameters()), list(network.parameters()), 1.0 - decay)

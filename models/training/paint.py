@@ -22,7 +22,7 @@ from models.colour import linear, srgb
 from models.training.degrade import blur, smooth_field
 from models.training.pigment import Pigment
 from models.training.regions import region_planes
-from models.training.tasks import choice, uniform
+from models.training.tasks import choice
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,12 @@ class Painter:
         )
         self.pigment = Pigment()
         self.places = soft / soft.amax((1, 2), keepdim=True).clamp(min=1e-6)
+        self.shift = torch.tensor([[2.0 * m.shift / n for n in (sharp.shape[2], sharp.shape[1])] for m in marks])
+        self.least, self.most = (torch.tensor([m.depth[end] for m in marks]) for end in (0, 1))
+        self.often, self.patchy, self.hues = (
+            torch.tensor([getattr(m, name) for m in marks]) for name in ("often", "patchy", "hues")
+        )
+        self.colour = torch.tensor([m.colour for m in marks])
 
     def __call__(self, texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Both (N, 3, h, w), sRGB-coded in [0, 1], with the same marks; the light between them stays as it was."""
@@ -103,30 +109,34 @@ class Painter:
     def density(self, count: int, generator: torch.Generator) -> Tensor:
         """(N, 3, h, w) -log of what the marks leave of the albedo."""
         height, width = self.places.shape[1:]
-        shape = (count, 1, height, width)
-        logs = torch.zeros(count, 3, height, width)
-        for place, mark in zip(self.places, self.marks, strict=True):
-            shift = mark.shift * torch.randn(count, 2, generator=generator) * torch.tensor([2.0 / width, 2.0 / height])
-            size = torch.exp(0.1 * torch.randn(count, 2, generator=generator))
-            where = moved(place.expand(count, 1, -1, -1), shift, size)
-            amount = uniform(generator, *mark.depth, count, 1, 1, 1)
-            amount = amount * (torch.rand(count, 1, 1, 1, generator=generator) < mark.often)
-            patches = (1.0 + mark.patchy * smooth_field(shape, 40, generator)).clamp(min=0.0)
-            colour = torch.tensor(mark.colour) * torch.exp(mark.hues * torch.randn(count, 3, generator=generator))
-            logs = logs + torch.maximum(where, where.flip(-1)) * amount * patches * colour[..., None, None]
+        marks = len(self.marks)
+        shift = self.shift * torch.randn(count, marks, 2, generator=generator)
+        size = torch.exp(0.1 * torch.randn(count, marks, 2, generator=generator))
+        where = moved(self.places.expand(count, -1, -1, -1), shift, size)
+        amount = self.least + (self.most - self.least) * torch.rand(count, marks, generator=generator)
+        amount = amount * (torch.rand(count, marks, generator=generator) < self.often)
+        uneven = smooth_field((count, marks, height, width), 40, generator)
+        patches = (1.0 + self.patchy[:, None, None] * uneven).clamp(min=0.0)
+        hues = torch.exp(self.hues[:, None] * torch.randn(count, marks, 3, generator=generator))
+        colour = amount[..., None] * self.colour * hues
+        logs = torch.einsum("nmhw,nmc->nchw", torch.maximum(where, where.flip(-1)) * patches, colour)
         cells = BLOTCH_CELLS[choice(generator, len(BLOTCH_CELLS))]
         depth = BLOTCHES * torch.randn(count, 1, 1, 1, generator=generator)
         tint = 1.0 + 0.4 * torch.randn(count, 3, 1, 1, generator=generator)
-        return logs + depth * tint * smooth_field(shape, cells, generator)
+        return logs + depth * tint * smooth_field((count, 1, height, width), cells, generator)
 
 
 def moved(image: Tensor, shift: Tensor, size: Tensor) -> Tensor:
-    """(N, 1, h, w) of which each is moved by (N, 2), halves of the chart, and enlarged by (N, 2) about its middle."""
-    weight = image[:1].sum((0, 1))
-    total = weight.sum().clamp(min=1e-6)
-    axes = (torch.linspace(-1.0, 1.0, n) for n in (image.shape[3], image.shape[2]))
-    middle = torch.stack([(weight.sum(dim) * axis).sum() / total for dim, axis in zip((0, 1), axes, strict=True)])
+    """(N, M, h, w) moved by (N, M, 2), halves of the chart, and enlarged likewise about the first's middle."""
+    n, marks, height, width = image.shape
+    total = image[0].sum((1, 2)).clamp(min=1e-6)
+    axes = (torch.linspace(-1.0, 1.0, length) for length in (width, height))
+    middle = torch.stack(
+        [(image[0].sum(dim) * axis).sum(1) / total for dim, axis in zip((1, 2), axes, strict=True)], 1
+    )
     zoom = torch.diag_embed(1.0 / size)
     offset = middle - (zoom @ (middle + shift)[..., None])[..., 0]
-    grid = functional.affine_grid(torch.cat([zoom, offset[..., None]], 2), list(image.shape), align_corners=False)
-    return functional.grid_sample(image, grid, align_corners=False)
+    turn = torch.cat([zoom, offset[..., None]], 3).view(n * marks, 2, 3)
+    grid = functional.affine_grid(turn, [n * marks, 1, height, width], align_corners=False)
+    each = image.reshape(n * marks, 1, height, width)
+    return functional.grid_sample(each, grid, align_corners=False).view(n, marks, height, width)

@@ -25,4 +25,4 @@ def region_planes(*groups: tuple[str, ...]) -> Tensor:
     chart = context_chart()
     values = chart.interpolate(np.stack([vertex_mask(chart.head, *names) for names in groups], 1))
     planes = np.moveaxis(values * chart.mask[..., None], 2, 0)
-    return torch.from_numpy(np.ascontiguousarray(planes, np.float32))
+    return torch.as_tensor(np.ascontiguousarray(planes, np.float32))

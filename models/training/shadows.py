@@ -22,7 +22,7 @@ from service.runtime.network_registry import GEOMETRY
 SHADOWED, SHINING = 0.35, 0.45
 """Shares of the charts with a painted shadow, and with painted highlights."""
 
-DEPTH = (0.25, 1.8)
+DEPTH = (0.25, 2.4)
 """Range of -log of the light that is left in a shadow: the rest comes from elsewhere."""
 
 TINT = 0.1
@@ -71,18 +71,20 @@ def shadow(position: Tensor, normal: Tensor, towards: Tensor, generator: torch.G
     up = torch.linalg.cross(towards, right)
     axes = torch.stack([right, -up], 1)
     grid = torch.einsum("nchw,nac->nhwa", position, axes) / REACH
-    thrown = functional.grid_sample(occluders(n, generator), grid, padding_mode="border", align_corners=False)
+    here = (torch.rand(n, generator=generator) < SHADOWED).nonzero().flatten()
+    before = occluders(len(here), generator)
+    thrown = torch.zeros(n, 1, *position.shape[2:])
+    thrown[here] = functional.grid_sample(before, grid[here], padding_mode="border", align_corners=False)
     reached = (torch.einsum("nchw,nc->nhw", normal, towards)[:, None] / 0.15).clamp(0.0, 1.0)
-    here = torch.rand(n, 1, 1, 1, generator=generator) < SHADOWED
     amount = uniform(generator, *DEPTH, n, 1, 1, 1) * torch.exp(TINT * torch.randn(n, 3, 1, 1, generator=generator))
-    return here * amount * thrown * reached
+    return amount * thrown * reached
 
 
 def occluders(n: int, generator: torch.Generator) -> Tensor:
     """(N, 1, PLANE, PLANE) in [0, 1]: 1 where something stands before the lamp: an edge, bars, blinds, or leaves."""
     axis = torch.linspace(-1.0, 1.0, PLANE)
     y, x = torch.meshgrid(axis, axis, indexing="ij")
-    result = []
+    result = [torch.zeros(0, 1, PLANE, PLANE)]
     for _ in range(n):
         turn, away = (float(uniform(generator, *span, 1)) for span in ((-math.pi, math.pi), (-0.5, 0.5)))
         along = x * math.cos(turn) + y * math.sin(turn)

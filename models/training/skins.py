@@ -9,8 +9,7 @@ from torch import Tensor
 
 from models.colour import linear, srgb
 from models.training.albedo import log_light
-from models.training.store import Arrays
-from models.training.tasks import byte, uniform
+from models.training.tasks import uniform
 from service.colour import LUMA
 
 SWAPPED, ALIKE = 0.5, 0.3
@@ -40,20 +39,27 @@ BRIGHTEST = 0.95
 """Linear value that all but a hundredth of a chart stays below, whatever the scale."""
 
 
-def relit(item: Arrays, light: int, other: Arrays) -> Arrays:
-    """One subject's light on another's skin, where both are about as dark; else the first subject as it was.
+def relit(
+    texture: Tensor, albedo: Tensor, skin: Tensor, mask: Tensor, generator: torch.Generator
+) -> tuple[Tensor, Tensor]:
+    """Charts of which some show another subject's skin in the first one's light, where both are about as dark.
 
     The light of a capture includes reflections at the surface, which count for more on dark skin; hence the bound.
+
+    Args:
+        texture: (N, 3, h, w) sRGB-coded in [0, 1].
+        albedo: (N, 3, h, w) likewise.
+        skin: (N, 3, h, w) likewise, albedo of the others.
+        mask: (N, 1, h, w) 1 inside the islands.
+        generator: which charts.
+
+    Returns:
+        texture and albedo, sRGB-coded in [0, 1].
     """
-    mask = torch.from_numpy(item["geometry"][-1:].astype("float32"))
-    albedo, skin = byte(item["albedo"]), byte(other["albedo"])
     apart = log_light(skin, albedo)
-    texture = byte(item["texture"][light])
-    if float((apart * mask).sum().abs() / (3.0 * mask.sum() + 1.0)) < ALIKE:
-        texture, albedo = srgb(linear(texture) * torch.exp(apart)), skin
-    coded = {"texture": texture[None], "albedo": albedo}
-    shown = {name: (values * 255.0).round().byte().numpy() for name, values in coded.items()}
-    return {**item, "whites": item["whites"][light][None], **shown}
+    differ = (apart * mask).sum((1, 2, 3)).abs() / (3.0 * mask.sum((1, 2, 3)) + 1.0)
+    here = ((differ < ALIKE) & (torch.rand(len(skin), generator=generator) < SWAPPED)).view(-1, 1, 1, 1)
+    return torch.where(here, srgb(linear(texture) * torch.exp(apart)), texture), torch.where(here, skin, albedo)
 
 
 def darkened(texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
@@ -71,7 +77,7 @@ def darkened(texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tup
 
 def fairness(albedo: Tensor) -> Tensor:
     """(N, 1, 1, 1) in [0, 1] of sRGB-coded skin (N, 3, h, w): 0 dark, 1 fair, by the median of its luminance."""
-    luminance = torch.einsum("nchw,c->nhw", linear(albedo), torch.from_numpy(LUMA).to(albedo.dtype))
+    luminance = torch.einsum("nchw,c->nhw", linear(albedo), torch.as_tensor(LUMA).to(albedo))
     usual = luminance.flatten(1).median(1).values.clamp(min=1e-4).log()
     return ((usual - DARK) / (FAIR - DARK)).clamp(0.0, 1.0).view(-1, 1, 1, 1)
 

@@ -84,7 +84,7 @@ def joined(device: str) -> Iterator[tuple[Team, str]]:
 def samples_of(seed: int, step: int, part: int) -> torch.Generator:
     """The generator that draws the samples of one part of a step; torch makes use of 32 bits of what it is given."""
     digest = hashlib.sha256(f"{seed} {step} {part}".encode()).digest()
-    return torch.Generator().manual_seed(int.from_bytes(digest[:4], "big"))
+    return torch.Generator(torch.get_default_device()).manual_seed(int.from_bytes(digest[:4], "big"))
 
 
 def mean_of_parts(losses: list[dict[str, Tensor]]) -> dict[str, float]:

@@ -120,6 +120,8 @@ def main(
     if adversarial_weight > 0.0 and network != "zeta":
         raise UsageError("adversarial_weight is for zeta; the other networks have one right answer")
     torch.set_num_threads(threads)
+    if network == "delta_context" and device != "cpu":  # its charts are painted where it learns
+        torch.set_default_device(device)
     folder = output or Path("build/training") / f"{network}_{config}"
     folder.mkdir(parents=True, exist_ok=True)
     task = TASKS[network](data, side)

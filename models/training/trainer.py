@@ -66,7 +66,7 @@ class Trainer:
         self.network = build(run.network, run.config).to(self.device, memory_format=order)
         self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
         self.optimiser = torch.optim.Adam(self.network.parameters(), run.rate, betas=(0.9, 0.99))
-        self.generator = torch.Generator().manual_seed(run.seed)
+        self.generator = torch.Generator(torch.get_default_device()).manual_seed(run.seed)
         self.judge: Discriminator | None = None
         self.judge_optimiser: torch.optim.Optimizer | None = None
         if run.adversarial_weight > 0.0:
