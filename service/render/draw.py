@@ -208,6 +208,13 @@ class SeenPart:
         """What is seen."""
         return self.drawn.part
 
+    def openness(self) -> Float32:
+        """(F, 1) share in [0, 1] of the sky that reaches it by its cavity map; 1 of what has none."""
+        cavity = self.part.material.cavity_map
+        if not isinstance(cavity, OwnMap):
+            return np.ones((len(self.uv), 1), np.float32)
+        return sample_chart(cavity.pixels, self.uv) / np.float32(255)
+
     def between(self, values: Float32) -> Float32:
         """(F, C) of values (V, C) at the part's vertices."""
         return interpolate(values, self.corners, self.weights)
@@ -415,7 +422,7 @@ def with_gloss(albedo: AnyFloat, mirrored: float = MIRRORED) -> Float32:
 def sketch(
     seen: SeenHead, colour: Float32, light: Illumination | None = None, tint: Triple = WHITE
 ) -> tuple[Float32, Float32]:
-    """A quick picture, lit at the vertices: no shadows, no reflections. As :meth:`Seen.resolved`.
+    """A quick picture, lit at the vertices: no shadows but cavity maps, no reflections. As :meth:`Seen.resolved`.
 
     Args:
         seen: what is drawn.
@@ -437,7 +444,7 @@ def sketch(
     for one in seen.parts:
         own = np.ones(3) if one.part.material.textured else np.asarray(tint)
         shown = one.colour if one.along is None else with_gloss(one.colour)
-        one.radiance = shown * own.astype(np.float32) * one.between(light_on[id(one.drawn)])
+        one.radiance = shown * own.astype(np.float32) * one.openness() * one.between(light_on[id(one.drawn)])
     return seen.resolved(colour * seen.between(at(seen.model.vertices, seen.model.normals)))
 
 

@@ -6,6 +6,7 @@ import dataclasses
 
 import cv2
 import numpy as np
+import pytest
 
 from service.archive.images import encode_png
 from service.archive.reading import unpack_texture
@@ -13,10 +14,10 @@ from service.archive.rendering import smoothed
 from service.light.scene import PointLight
 from service.materials.material import ChartMap, Material, OwnMap
 from service.materials.part import MeshPart
-from service.render.draw import without_parts
+from service.render.draw import DrawnHead, see, sketch, without_parts
 from service.render.render import NO_SHADOWS, render_head
 from service.render.request import RenderRequest
-from service.render.view import camera_at
+from service.render.view import camera_at, turned_camera
 from tests.service.render.toys import EVEN, HEAD, ROUGH, albedo, scene
 
 
@@ -93,3 +94,22 @@ def test_colours_and_alpha_come_through_the_decode_gate() -> None:
     assert np.abs(read[solid][:, :3].astype(int) - pixels[solid][:, :3]).max() <= 1
     opaque = unpack_texture(encode_png(pixels[..., :3], srgb=True), "toy")
     assert np.array_equal(opaque, pixels[..., :3])
+
+
+def test_quick_pictures_have_the_shade_of_cavity_maps() -> None:
+    """Without it molars in the corners of an open mouth are as white as front teeth, and look like fangs."""
+    pixels = np.full((8, 8), 255, np.uint8)
+    pixels[:, 4:] = 51
+    looks = []
+    for cavity in (None, OwnMap("open", pixels)):
+        plain_part = sheet(0.1, (128, 128, 128, 255))
+        part = dataclasses.replace(plain_part, material=dataclasses.replace(plain_part.material, cavity_map=cavity))
+        seen = see(DrawnHead.of(HEAD, HEAD.mean, (part,)), turned_camera(HEAD.mean, 0, 48, 56), 1.0, None)
+        sketch(seen, np.zeros((len(seen.index), 3), np.float32))
+        (one,) = (p for p in seen.parts if p.part is part)
+        looks.append((one.uv[:, 0], one.radiance[:, 0]))
+    (u, plain), (_, shaded) = looks
+    left, right = u < 0.4, u > 0.6
+    assert left.any() and right.any()
+    assert shaded[left] == pytest.approx(plain[left], rel=1e-4)
+    assert shaded[right] == pytest.approx(0.2 * plain[right], rel=1e-2)
