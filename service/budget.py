@@ -17,9 +17,7 @@ from service.reflectance.reflectance_plan import ReflectancePlan
 from service.runtime.networks import ENLARGING, Engine, Network, choose_engine, open_network
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
-
-OVER_BUDGET = "over-budget"
-"""Warning: not even the fastest level was expected to fit."""
+from service.warning_codes import WarningCode
 
 SAMPLE = 256
 """Inner side of the tile that is measured."""
@@ -66,7 +64,9 @@ class Speed:
     networks: Mapping[str, NetworkSpeed]
 
 
-def within_budget(options: Options, stages: StageCache = NoCache()) -> tuple[Options, tuple[str, ...]]:  # noqa: B008
+def within_budget(
+    options: Options, stages: StageCache = NoCache()  # noqa: B008
+) -> tuple[Options, tuple[WarningCode, ...]]:
     """Options with the level that the budget allows, and warnings; unchanged without a budget.
 
     Raises:
@@ -76,7 +76,7 @@ def within_budget(options: Options, stages: StageCache = NoCache()) -> tuple[Opt
     if options.budget is None or not options.plan().stages:
         return options, ()
     chosen = stages.get_or_compute("level", _choose, options.uncorrected())
-    warnings = (OVER_BUDGET,) if chosen.startswith("!") else ()
+    warnings: tuple[WarningCode, ...] = ("over-budget",) if chosen.startswith("!") else ()
     return replace(options, quality=chosen.removeprefix("!"), budget=options.budget), warnings  # type: ignore[arg-type]
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import types
+from collections.abc import Iterator
 from dataclasses import is_dataclass
-from typing import Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Literal, NamedTuple, Union, cast, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
@@ -14,6 +15,10 @@ from service.errors import UsageError
 
 CHECKED = ConfigDict(extra="forbid")
 """Of every :class:`Checked`: an unknown name is refused, as by any function."""
+
+
+UNKNOWN = "unexpected_keyword_argument"
+"""What pydantic calls a name that a dataclass does not have."""
 
 
 class Right(NamedTuple):
@@ -50,7 +55,7 @@ def _refusal(kind: type, given: Any, error: ValidationError) -> UsageError:
     hints = get_type_hints(kind, include_extras=True)
     place = error.errors(include_url=False)[0]["loc"]
     if place and is_dataclass(hints.get(str(place[0]))):
-        return refused(error)
+        return refused(error, kind)
     values = getattr(given, "kwargs", given) or {}  # of a constructor's arguments, or the values of a JSON object
     name = str(next(iter(place), ""))
     if name not in hints or name not in values:
@@ -59,20 +64,36 @@ def _refusal(kind: type, given: Any, error: ValidationError) -> UsageError:
     return UsageError(f"{name} is {shown(values[name])}; it has to be {_right(hints[name])}", field=name)
 
 
-def refused(error: ValidationError, what: str = "") -> UsageError:
+def refused(error: ValidationError, kind: type, what: str = "") -> UsageError:
     """The first fault that pydantic found in nested values, such as a scene; ``field`` is its place, as in a URL.
+
+    A name that does not exist comes first: it is why another one is missing.
 
     Args:
         error: of pydantic.
+        kind: dataclass of the whole.
         what: name of the whole, where it is not the first part of the place.
     """
-    fault = error.errors(include_url=False)[0]
+    faults = error.errors(include_url=False)
+    fault = next((one for one in faults if one["type"] == UNKNOWN), faults[0])
     place, words = "/".join(map(str, fault["loc"])), fault["msg"].removeprefix("Value error, ")
     before = f"{what}: " * bool(what)
+    if fault["type"] == UNKNOWN:
+        for part in (part for part in fault["loc"][:-1] if isinstance(part, str)):
+            kind = next(_dataclasses_in(get_type_hints(kind)[part]))
+        return UsageError(f"{before}there is no {place}; there are {', '.join(get_type_hints(kind))}", field=place)
     if fault["type"] == "json_invalid":
         return UsageError(f"{before}not JSON: {words}", field="")
     value = "" if fault["type"] == "missing" else f" is {shown(fault['input'])}"
     return UsageError(f"{before}{place or 'it'}{value}: {words[:1].lower()}{words[1:]}", field=place)
+
+
+def _dataclasses_in(hint: Any) -> Iterator[type]:
+    """Dataclasses that a field's type names, in tuples and unions too."""
+    if is_dataclass(hint):
+        yield cast(type, hint)
+    for part in get_args(hint):
+        yield from _dataclasses_in(part)
 
 
 def shown(value: object) -> str:

@@ -83,12 +83,6 @@ FIRST_ONLY = ("expression", "eyes", "hair")
 LEAST_SHARE = 0.005
 """Share of the seen texture below which a photo does not count as used for it."""
 
-LEFT_OUT = "photos-left-out"
-"""Warning: some of the photos were of no use; the manifest has the reasons."""
-
-SMALL_TILES = "small-tiles"
-"""Warning: the networks saw smaller tiles than usual."""
-
 
 def make_avatar(
     data: bytes | Sequence[bytes],
@@ -124,7 +118,7 @@ def make_avatar(
     options, warnings = within_budget(options, stages)
     plan, kept = options.plan(), stages.get_or_compute
     if plan.stages and tile < DEFAULT_TILE:
-        warnings += (SMALL_TILES,)
+        warnings += ("small-tiles",)
     early = plan.networks if tile >= DEFAULT_TILE else ()  # where tiles are small, memory is scarce
     engine = choose_engine(options.runtime, precision=options.level.precision)
     networks = FaceNetworks(options, head_file) if loaded is None else loaded
@@ -207,7 +201,7 @@ def make_avatar(
                 parts=(*coarser(own_parts, step), *mouth.result(), *eyes.result()),
                 hair=own_hair,
                 own_texture=own_texture,
-                warnings=(*warnings, *((LEFT_OUT,) if gathered.left_out else ())),
+                warnings=(*warnings, *(("photos-left-out",) if gathered.left_out else ())),
             )
 
         begun: list[tuple[Avatar, Future[Drawn], Future[Shapes]]] = []

@@ -18,9 +18,9 @@ NOT_IN_SERVICE = {"torch", "torchvision", "tensorflow", "anny", "onnx", "onnxscr
 ORDER = {
     "service": (
         # What everything stands on.
-        "errors", "machine", "places", "manifest", "arrays", "robust", "checks", "stage_cache", "levels",
-        "map_registry", "image_filters", "colour", "corrections", "diagnosis", "photo", "head", "geometry", "materials",
-        "runtime",
+        "errors", "warning_codes", "machine", "places", "manifest", "arrays", "robust", "checks", "stage_cache",
+        "levels", "map_registry", "image_filters", "colour", "corrections", "diagnosis", "photo", "head", "geometry",
+        "materials", "runtime",
         # From the photo to the maps, and their files.
         "light", "render", "face", "hair", "anatomy", "texture", "reflectance", "archive",
         # The whole way, and who asks for it.

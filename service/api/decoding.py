@@ -140,4 +140,4 @@ def _kind(codec: int, data: bytes) -> str:
     if codec == Codec.PNG:
         depth, colour = data[24], data[25]  # of IHDR, which has to come first
         return "png-16" if depth == 16 else "png-alpha" if colour in (3, 4, 6) else "png"
-    return "webp" if codec == Codec.WEBP else "other"
+    return "webp" if codec == Codec.WebP else "other"

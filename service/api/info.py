@@ -97,7 +97,7 @@ def quality(context: Here) -> Response:
     from service.hair.asked import AUTO, COLOURS, NONE, STYLES
     from service.levels import LEVELS
     from service.options import EyeColour, Mouth, Wrinkles, default_maps
-    from service.photo.gate import readable_formats
+    from service.photo.container import readable_formats
 
     groups: dict[tuple[str, tuple[int, int]], list[Row]] = defaultdict(list)
     whole = set(default_maps())
@@ -112,7 +112,8 @@ def quality(context: Here) -> Response:
         "hair": (AUTO, NONE, *STYLES), "hair_colour": COLOURS, "eye_colour": get_args(EyeColour),
         "mouth": get_args(Mouth), "wrinkles": get_args(Wrinkles),
     }  # fmt: skip
-    return JSONResponse({"levels": levels, "items": items, "formats": readable_formats(), "choices": choices})
+    formats = [name.lower() for name in readable_formats()]
+    return JSONResponse({"levels": levels, "items": items, "formats": formats, "choices": choices})
 
 
 def _measured(name: str, size: tuple[int, int], rows: list[Row]) -> dict[str, Any]:

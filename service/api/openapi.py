@@ -63,7 +63,8 @@ class Job(AnyJob):
     stage: str | None = Field(description="What is being done now.")
     progress: float = Field(ge=0, le=1)
     links: Links
-    warnings: list[str]
+    warnings: list[str] = Field(description="Stable codes of what makes the avatar less certain.")
+    warning_words: list[str] = Field(description="The same, each as a sentence.")
     options: dict[str, Any]
     priority: str
     metadata: dict[str, Any] = Field(description="Words of the owner's own, as they came.")

@@ -29,6 +29,7 @@ from service.reflectance.surface_maps import SurfaceMaps
 from service.runtime.network_registry import REGISTRY, networks_of
 from service.runtime.sessions import model_table
 from service.texture.texture import Texture
+from service.warning_codes import WarningCode
 
 
 @dataclass(frozen=True)
@@ -130,13 +131,13 @@ class Avatar:
     reflectance: Reflectance | None = None
     surface: SurfaceMaps | None = None
     own_texture: UInt8 | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[WarningCode, ...] = ()
     drawn: Drawn | None = None
     shapes: Shapes | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
     peak_rss_mb: float | None = None
 
-    def all_warnings(self) -> tuple[str, ...]:
+    def all_warnings(self) -> tuple[WarningCode, ...]:
         """Warnings of every stage in the order of the pipeline, each once."""
         stages = (self.photo, self.face, self.fit, self.texture, self)
         return tuple(dict.fromkeys(code for stage in stages for code in stage.warnings))

@@ -31,6 +31,7 @@ from service.face.detection import (
 )
 from service.face.features.rims import inside_rim
 from service.face.region import Region
+from service.warning_codes import WarningCode
 
 LANDMARK_COUNT = 468
 """MediaPipe face mesh topology."""
@@ -57,7 +58,7 @@ class Face:
     keypoints: Float64
     landmarks: Float64
     presence: float
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[WarningCode, ...] = field(default=())
 
     @property
     def area(self) -> float:
@@ -169,8 +170,8 @@ class FaceFinder:
         Landmarks are in the frame of the photo as given, also for a face that lies on its side or stands on its head.
         Warnings a face may carry: ``low-resolution`` (box under 80 pixels), ``landmarks-inconsistent`` (mesh and
         detector disagree), ``landmarks-uncertain`` (weak evidence, as in a near profile), ``turned-90``, ``turned-180``
-        or ``turned-270`` (degrees clockwise by which the face is turned, to the nearest quarter), ``under-exposed``,
-        ``eyes-covered``.
+        or ``turned-270`` (degrees clockwise by which the face is turned, to the nearest quarter), ``face-at-edge``,
+        ``under-exposed``, ``eyes-covered``.
 
         Raises:
             ValueError: pixels have another shape or type.
@@ -307,8 +308,12 @@ def _found_before(box: Float64, faces: list[Face]) -> bool:
     return False
 
 
+TURNED: tuple[tuple[WarningCode, ...], ...] = ((), ("turned-90",), ("turned-180",), ("turned-270",))
+"""Warnings by quarter turns clockwise."""
+
+
 def _face(pixels: UInt8, gap: float, detection: Detection, mesh: Mesh) -> Face:
-    warnings = []
+    warnings: list[WarningCode] = []
     if gap > CONSISTENT:
         warnings.append("landmarks-inconsistent")
     if mesh.logit < UNCERTAIN:
@@ -316,9 +321,7 @@ def _face(pixels: UInt8, gap: float, detection: Detection, mesh: Mesh) -> Face:
     # Face box in pixels below which the fit is less certain (warning ``low-resolution``).
     if detection.size < 80.0:
         warnings.append("low-resolution")
-    quarter = round(np.degrees(detection.angle) / 90) % 4
-    if quarter:
-        warnings.append(f"turned-{quarter * 90}")
+    warnings += TURNED[round(np.degrees(detection.angle) / 90) % 4]
     return Face(
         box=detection.box,
         score=detection.score,
@@ -349,15 +352,26 @@ its interquartile range is at most the second factor times its mean.
 The second ratio is 0.55 to 1.8 in 17 photos of uncovered eyes, some in hard shadow. Quartiles ignore glints."""
 
 
-def photo_warnings(pixels: UInt8, landmarks: Float64) -> tuple[str, ...]:
-    """Stable codes for one face: ``under-exposed``, ``eyes-covered`` (both eyes dark and featureless: sunglasses).
+CUT = 0.015
+"""How far the outline has to lie outside the photo for a face to count as cut, as a share of its larger extent.
+
+Measured on 31 photos that were cut: at most 0.007 where the photo ends with the face, from 0.019 where 6 % are away."""
+
+
+def photo_warnings(pixels: UInt8, landmarks: Float64) -> tuple[WarningCode, ...]:
+    """Stable codes for one face: ``face-at-edge`` (the photo ends before the face does), ``under-exposed``,
+    ``eyes-covered`` (both eyes dark and featureless: sunglasses).
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.
         landmarks: (468, 3) float64 photo pixels.
     """
-    codes = []
-    face = _luminance(pixels, landmarks[list(OVAL), :2])
+    codes: list[WarningCode] = []
+    outline = landmarks[list(OVAL), :2]
+    beyond = max(float(-outline.min()), float((outline - pixels.shape[1::-1]).max()))
+    if beyond > CUT * float(np.ptp(landmarks[:, :2], axis=0).max()):
+        codes.append("face-at-edge")
+    face = _luminance(pixels, outline)
     # 75th percentile of a face's linear luminance below which it is under-exposed (dark skin in good light has 0.15).
     if face.size and float(np.percentile(face, 75)) < 0.05:
         codes.append("under-exposed")

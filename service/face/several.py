@@ -97,7 +97,7 @@ def _sharpness(pixels: UInt8, face: Face) -> float:
 
 MOST_PIXELS = 120_000_000
 """Pixels of all photos together, 3 bytes each; several larger ones are made smaller."""
-SMALLER, SAME = "photo-made-smaller", "same-photo"
+SAME = "same-photo"
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ def smaller(photo: Photo, most: int) -> Photo:
     scale = (most / (width * height)) ** 0.5
     size = (max(int(width * scale), 1), max(int(height * scale), 1))
     pixels = np.asarray(cv2.resize(photo.pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return replace(photo, pixels=pixels, warnings=(*photo.warnings, SMALLER), steps=None)
+    return replace(photo, pixels=pixels, warnings=(*photo.warnings, "photo-made-smaller"), steps=None)
 
 
 STRANGE = 0.58

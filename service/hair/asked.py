@@ -63,12 +63,12 @@ def checked_hair(hair: HairChoice) -> HairChoice:
         if name not in (AUTO, NONE, *STYLES):
             raise UsageError(f"hair is {hair!r}; there are auto, none, {', '.join(STYLES)}", field="hair")
         return name
-    from service.hair.style import style_from_json  # loads numpy, which the command line does without
+    from service.hair.style import Style, style_from_json  # loads numpy, which the command line does without
 
     try:
         style_from_json(hair)
     except ValidationError as error:
-        raise UsageError(f"hair is no style: {refused(error).message}", field="hair") from error
+        raise UsageError(f"hair is no style: {refused(error, Style).message}", field="hair") from error
     return hair
 
 

@@ -33,6 +33,7 @@ from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
 from service.image_filters import blurred, ramp
 from service.photo.photo import Photo
+from service.warning_codes import WarningCode
 
 UNREAD = "crop"
 """Style of a head of which nothing was read."""
@@ -118,12 +119,12 @@ def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands:
     kinds = {} if matches is None else matches.kinds(read_bank())
     if skin is None or seen.without:
         kinds = {seen.without: 1.0} if matches is not None else {}
-        why = ("hair-not-for-this-head",) if skin is None and asked.style != NONE else ()
+        why: tuple[WarningCode, ...] = ("hair-not-for-this-head",) if skin is None and asked.style != NONE else ()
         return WornHair(None, seen.without, kinds, np.zeros(0, np.float32), doubts=why)
     person = USUAL_SKIN if fit.cheek is None else np.asarray(srgb_to_linear(fit.cheek), np.float32)
     if seen.read is None or sight is None or matches is None:
         style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
-        doubts: tuple[str, ...] = () if asked.named else ("hair-unseen",)
+        doubts: tuple[WarningCode, ...] = () if asked.named else ("hair-unseen",)
     else:
         style = choose(read_bank(), matches, sight, skin, seed, seen.read, strands // STRANDS_A_TRIAL)
         style, doubts = _longer(style, asked), ("hair-unseen",) if seen.unseen else ()

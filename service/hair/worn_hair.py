@@ -19,6 +19,7 @@ from service.light.formulas import sh_basis
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 from service.render.draw import MIRRORED, with_gloss, without_gloss
+from service.warning_codes import WarningCode
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class WornHair:
     kinds: dict[str, float]
     seen: Float32
     agreement: float = 0.0
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[WarningCode, ...] = ()
     in_photo_light: bool = False
 
     @property

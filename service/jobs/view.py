@@ -20,6 +20,7 @@ import sqlalchemy as sa
 
 from service.errors import as_facts
 from service.jobs.settings import Settings
+from service.warning_codes import in_words
 
 FINAL = ("succeeded", "failed", "cancelled")
 """States that a job does not leave."""
@@ -60,6 +61,7 @@ def job_json(row: sa.RowMapping | Mapping[str, Any]) -> dict[str, Any]:
             "photo": f"{address}/photo" if row["keep_photo"] and row["photo"] and row["gone"] is None else None,
         },
         "warnings": json.loads(row["warnings"]),
+        "warning_words": [in_words(code) for code in json.loads(row["warnings"])],
         "options": options,
         "priority": row["priority"],
         "metadata": json.loads(row["metadata"]),

@@ -139,7 +139,7 @@ class Scene:
         try:
             return TypeAdapter(cls).validate_json(text)
         except ValidationError as error:
-            raise refused(error, "scene") from error
+            raise refused(error, cls, "scene") from error
 
 
 BRIGHT = 0.9

@@ -7,6 +7,7 @@ refused here within a millisecond. What is inside segments and chunks is the dec
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import re
 import zlib
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from typing import NamedTuple
 from service.errors import AnimatedImage, CorruptImage, TooComplex, UnsupportedFormat
 from service.photo.limits import Limits, check_size
 from service.photo.wire import Codec
+from service.warning_codes import WarningCode
 
 MAX_SEGMENTS = 8192
 """Segments of a JPEG file."""
@@ -36,7 +38,7 @@ class Container(NamedTuple):
     codec: Codec
     size: tuple[int, int] | None
     payload: bytes
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[WarningCode, ...] = ()
 
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -96,12 +98,24 @@ def sniff(data: bytes) -> Codec:
     if data.startswith(_PNG_SIGNATURE):
         return Codec.PNG
     if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
-        return Codec.WEBP
+        return Codec.WebP
     brand = data[8:12] if data[4:8] == b"ftyp" else b""
     if brand in HEIC_BRANDS | HEIC_SEQUENCE_BRANDS:
         return Codec.HEIC
     looks_like = _looks_like(data, brand)
-    raise UnsupportedFormat(f"the file is {looks_like}; JPEG, PNG, WebP or HEIC is accepted", looks_like=looks_like)
+    raise UnsupportedFormat(f"the file is {looks_like}; {formats_in_words()} is accepted", looks_like=looks_like)
+
+
+def readable_formats() -> tuple[str, ...]:
+    """Names of the formats that this installation reads; HEIC where its decoder is installed."""
+    heic = importlib.util.find_spec("pillow_heif") is not None
+    return tuple(codec.name for codec in Codec if codec != Codec.HEIC or heic)
+
+
+def formats_in_words() -> str:
+    """The same as "JPEG, PNG or WebP"."""
+    *most, last = readable_formats()
+    return f"{', '.join(most)} or {last}"
 
 
 def _looks_like(data: bytes, brand: bytes) -> str:
@@ -127,7 +141,7 @@ def open_container(data: bytes, limits: Limits) -> Container:
         if data[8:12] in HEIC_SEQUENCE_BRANDS:
             raise AnimatedImage("the HEIC file is a sequence of pictures; a still image is accepted")
         return Container(codec, None, data)
-    container = {Codec.JPEG: _open_jpeg, Codec.PNG: _open_png, Codec.WEBP: _open_webp}[codec](data, limits)
+    container = {Codec.JPEG: _open_jpeg, Codec.PNG: _open_png, Codec.WebP: _open_webp}[codec](data, limits)
     if container.size is not None:
         check_size(*container.size, limits)
     return container
@@ -178,7 +192,8 @@ def _open_jpeg(data: bytes, limits: Limits) -> Container:
 
 def _open_png(data: bytes, limits: Limits) -> Container:
     """Walk over the chunks of a PNG file (PNG specification, third edition, section 5) up to its last."""
-    kept, warnings, position, text = [_PNG_SIGNATURE], [], len(_PNG_SIGNATURE), 0
+    kept, position, text = [_PNG_SIGNATURE], len(_PNG_SIGNATURE), 0
+    warnings: list[WarningCode] = []
     if data[12:16] != b"IHDR":
         raise CorruptImage("the PNG file does not begin with its header chunk")
     for _ in range(MAX_CHUNKS):
@@ -235,7 +250,7 @@ def _open_webp(data: bytes, limits: Limits) -> Container:
         size = (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
     else:
         raise CorruptImage("the WebP file does not begin with an image header")
-    return Container(Codec.WEBP, size, data)
+    return Container(Codec.WebP, size, data)
 
 
 def _cut_off(name: str, position: int) -> CorruptImage:

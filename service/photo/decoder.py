@@ -67,7 +67,7 @@ _DECODER_FAULTS = (
 _READERS = {
     Codec.JPEG: ("PIL.JpegImagePlugin", "JpegImageFile"),
     Codec.PNG: ("PIL.PngImagePlugin", "PngImageFile"),
-    Codec.WEBP: ("PIL.WebPImagePlugin", "WebPImageFile"),
+    Codec.WebP: ("PIL.WebPImagePlugin", "WebPImageFile"),
     Codec.HEIC: ("pillow_heif", "HeifImageFile"),
 }
 

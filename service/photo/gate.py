@@ -36,12 +36,13 @@ from service.errors import (
     TooManyBytes,
     UnsupportedFormat,
 )
-from service.photo.container import Container, open_container
+from service.photo.container import Container, formats_in_words, open_container
 from service.photo.limits import Limits, check_size
 from service.photo.photo import Photo, lacks_colour
 from service.photo.wire import READY, REPLY_SIZE, Codec, Note, Output, Reply, Request, Status
+from service.warning_codes import WarningCode
 
-_NOTES = {
+_NOTES: dict[Note, WarningCode] = {
     Note.TRANSPARENT: "transparent",
     Note.ICC_IGNORED: "icc-ignored",
     Note.EXTRA_IMAGES: "extra-images-ignored",
@@ -88,7 +89,7 @@ def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 -
 
 def _decoded(data: bytes, limits: Limits, *, keep: bool) -> tuple[Container, Reply, bytearray]:
     if not data:
-        raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
+        raise EmptyFile(f"the file is empty; {formats_in_words()} is accepted")
     if len(data) > limits.max_bytes:
         words = f"the file has {len(data)} bytes; at most {limits.max_bytes} are accepted"
         raise TooManyBytes(words, bytes=len(data), limit=limits.max_bytes)
@@ -255,11 +256,6 @@ def decoder_command(codec: Codec) -> list[str]:
     if not sys.executable:
         raise AvatarError("photos are decoded in a process of their own, and this program has no Python to start")
     return [sys.executable, "-I", "-S", "-c", _BOOT, *dict.fromkeys(roots)]
-
-
-def readable_formats() -> tuple[str, ...]:
-    """Formats of photos that this installation reads; HEIC where its decoder is installed."""
-    return ("jpeg", "png", "webp", *(("heic",) if importlib.util.find_spec("pillow_heif") else ()))
 
 
 def _package_root(name: str) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import linear_to_lab, srgb_to_linear
+from service.warning_codes import WarningCode
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Photo:
     pixels: npt.NDArray[np.uint8]
     focal_35mm: float | None = None
     sha256: str = ""
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[WarningCode, ...] = ()
     steps: npt.NDArray[np.float32] | None = None
 
     @property

@@ -28,7 +28,7 @@ class Codec(IntEnum):
 
     JPEG = 1
     PNG = 2
-    WEBP = 3
+    WebP = 3
     HEIC = 4
 
 

@@ -43,6 +43,7 @@ from service.texture.unwrap import (
     widened,
     worn_before,
 )
+from service.warning_codes import WarningCode
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class Texture:
     shape_normal_object: Float32
     mask: Bool
     visible_fraction: float
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[WarningCode, ...] = field(default=())
     parts: UInt8 | None = None
     iris: Float32 | None = None
     tooth: Float32 | None = None
@@ -199,9 +200,6 @@ def left_by_roots(texture: Texture, hair: WornHair) -> UInt8 | None:
 DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
 """Skin colour for a photo that shows no skin, sRGB."""
 
-NOT_SEGMENTED = "not-segmented"
-"""Warning: no part was read off the photo, so that nothing beside the face is taken from it."""
-
 
 @dataclass(frozen=True)
 class Unwrappings:
@@ -300,7 +298,7 @@ def make_texture(
     shown = np.rint(255 * np.clip(direct * lit_map + reflected * lit_map[:, ::-1], 0, 1))
     shown = chart.fill_outside(shown).astype(np.uint8)
     # Visible fraction of the face below which a warning is given.
-    doubts = {"little-seen": fraction < 0.25, NOT_SEGMENTED: reading is None}
+    doubts: dict[WarningCode, bool] = {"little-seen": fraction < 0.25, "not-segmented": reading is None}
     warnings = tuple(name for name, true in doubts.items() if true)
     warnings += () if reading is None else worn_before(part, weight, zones)
     return Texture(

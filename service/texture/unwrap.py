@@ -41,6 +41,7 @@ from service.image_filters import blurred
 from service.photo.photo import Photo
 from service.robust import smoothstep
 from service.texture.inpainting import opacity
+from service.warning_codes import WarningCode
 
 GRAZING = (0.12, 0.35)
 """Cosine of the viewing angle below which the weight is 0, and from which on it is the cosine's square."""
@@ -354,7 +355,7 @@ def wears_glasses(parts: Float32, weight: Float32, zones: Zones) -> bool:
     return bool(len(face)) and bool((face > FRAME[0]).mean() > FRAME[1])
 
 
-def worn_before(parts: Float32, weight: Float32, zones: Zones) -> tuple[str, ...]:
+def worn_before(parts: Float32, weight: Float32, zones: Zones) -> tuple[WarningCode, ...]:
     """Warnings of what is worn before the face: ``glasses-removed``, ``face-covered``.
 
     Args:
@@ -366,7 +367,7 @@ def worn_before(parts: Float32, weight: Float32, zones: Zones) -> tuple[str, ...
     if not len(face):
         return ()
     # Share of the face from which on a hat, a mask or a hand before it is worth a warning.
-    worn = {
+    worn: dict[WarningCode, bool] = {
         "glasses-removed": wears_glasses(parts, weight, zones),
         "face-covered": (smoothstep(face[:, [HAT, CLOTH, OTHER]].sum(1), *RAMP) > 0.5).mean() > 0.2,
     }

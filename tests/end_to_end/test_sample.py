@@ -20,6 +20,7 @@ from models.head.writing import save_head
 from service.archive.avatar import Avatar
 from service.archive.pack import archive_members
 from service.errors import FaceCutOff, FaceTooSmall, NoFace
+from service.face.finder import OVAL
 from service.face.fit.landmark_fit import at_barycentric
 from service.geometry.chart import Chart
 from service.head.regions import vertex_mask
@@ -79,6 +80,12 @@ def shrunk(portrait: Pixels, plain: Avatar) -> Pixels:
     return resized(portrait, plain, 45)
 
 
+def without_chin(portrait: Pixels, plain: Avatar) -> Pixels:
+    """The photo ends between mouth and chin."""
+    y = plain.face.landmarks[list(OVAL), 1]
+    return np.ascontiguousarray(portrait[: int(y.max() - 0.15 * np.ptp(y))])
+
+
 def grey(portrait: Pixels, plain: Avatar) -> Pixels:
     return np.dstack([np.asarray(cv2.cvtColor(portrait, cv2.COLOR_RGB2GRAY), np.uint8)] * 3)
 
@@ -110,6 +117,7 @@ def eye_patch(portrait: Pixels, plain: Avatar) -> Pixels:
     [
         (shrunk, "low-resolution", 1.5, 9.0), (grey, "no-colour", 1.5, 9.0), (dark, "under-exposed", 2.0, 9.0),
         (dark_glasses, "eyes-covered", 2.0, 4.0), (eye_patch, None, 2.0, 4.0),
+        (without_chin, "face-at-edge", 2.0, 6.0),
     ],
 )  # fmt: skip
 def test_it_is_the_same_head(

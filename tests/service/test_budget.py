@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from service import budget
-from service.budget import OVER_BUDGET, NetworkSpeed, Speed, estimate_seconds, measure_speed, within_budget
+from service.budget import NetworkSpeed, Speed, estimate_seconds, measure_speed, within_budget
 from service.map_registry import MAP_NAMES, maps_made_by
 from service.options import Options
 from service.reflectance.reflectance_plan import ReflectancePlan
@@ -46,7 +46,7 @@ def test_the_measurement_covers_every_network(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("limit", "level", "warnings"), [
-    (1.0, "draft", (OVER_BUDGET,)), (12.0, "draft", ()), (25.0, "standard", ()), (100.0, "reference", ()),
+    (1.0, "draft", ("over-budget",)), (12.0, "draft", ()), (25.0, "standard", ()), (100.0, "reference", ()),
 ])  # fmt: skip
 def test_the_best_level_that_fits(
     limit: float, level: str, warnings: tuple[str, ...], monkeypatch: pytest.MonkeyPatch

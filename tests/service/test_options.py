@@ -67,6 +67,12 @@ def test_what_was_asked_comes_back_from_its_json() -> None:
         TypeAdapter(Options).validate_python(read | {"seed": -1})
 
 
+def test_a_name_of_a_hairstyle_that_does_not_exist() -> None:
+    """The name comes before what is missing because of it, and those that exist are listed."""
+    with pytest.raises(UsageError, match=r"hair is no style: there is no lenght; there are kind, top_mm, "):
+        Options(hair={"lenght": 3})
+
+
 def list_networks(monkeypatch: pytest.MonkeyPatch, names: Collection[str]) -> None:
     """Make an installation that has these networks of maps."""
     monkeypatch.setattr("service.runtime.sessions.model_table", lambda: {name: {} for name in names})

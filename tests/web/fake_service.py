@@ -66,6 +66,7 @@ class Fake:
         cut_after: the event stream breaks after so many events, each time.
         key: the access key that is wanted.
         quality: what GET /v1/quality answers.
+        warnings: codes that every job ends with.
         gone: jobs whose results are gone, and why: "expired", "erased", "lost".
     """
 
@@ -77,6 +78,7 @@ class Fake:
     cut_after: int = 10**9
     key: str = ""
     quality: dict[str, Any] = field(default_factory=lambda: QUALITY)
+    warnings: list[str] = field(default_factory=lambda: ["low-resolution"])
     gone: dict[str, str] = field(default_factory=dict)
     jobs: dict[str, float] = field(default_factory=dict)
     errors: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -118,7 +120,7 @@ class Fake:
                 "files": f"{address}/files" if good else None,
             },
             "error": self.errors.get(name) if over else None,
-            "warnings": ["low-resolution"] if good else [],
+            "warnings": self.warnings if good else [],
         }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from service.warning_codes import WORDS
 from tests.support.browser import PHOTO, Opener, artists, make_head, picture, settle
 from tests.web.fake_service import KIT, Fake
 
@@ -34,6 +35,16 @@ def reload(page: Page) -> None:
     page.reload()
     page.wait_for_selector("#canvas[data-shows=lit]")
     page.wait_for_selector("#inset:not([hidden])")
+
+
+def test_every_warning_is_a_sentence(fake: Fake, open_page: Opener) -> None:
+    """Those without one were shown as their code in capitals."""
+    fake.warnings = list(WORDS)
+    page = open_page(fake.address, device_scale_factor=1, expected=EXPECTED)
+    make_head(page)
+    page.wait_for_selector("#inset:not([hidden])")
+    shown = page.locator(".summary li").all_inner_texts()
+    assert shown[: len(WORDS)] == list(WORDS.values())
 
 
 def compare(page: Page, at: int) -> None:

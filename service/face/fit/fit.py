@@ -13,6 +13,7 @@ from service.arrays import Float32, Float64
 from service.checks import CHECKED, Checked, Right
 from service.face.features.eyes import Gaze
 from service.geometry.camera import Camera
+from service.warning_codes import WarningCode
 
 Refine = Literal["landmarks", "dense", "full"]
 Iterations = Annotated[int, Strict(), Ge(1), Le(1000), Right("a whole number from 1 to 1000")]
@@ -82,7 +83,7 @@ class Fit:
     light: Float64 | None
     landmark_rms_px: float
     inter_ocular_px: float
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[WarningCode, ...] = ()
     gaze: Gaze | None = None
     eye_light: Float64 | None = None
     cheek: Float32 | None = None

@@ -44,6 +44,7 @@ from service.head.model import HeadModel
 from service.head.regions import inter_ocular_m
 from service.photo.photo import Photo
 from service.robust import smoothstep
+from service.warning_codes import WarningCode
 
 REACH_M = (0.008, 0.004)
 """Half length of the outline's search lines in each round, metres on the face."""
@@ -359,7 +360,7 @@ def _result(index: int, view: View, head: HeadModel, neutral: Float32, found: La
             f"the head does not fit the landmarks: rms {rms:.1f} px with eyes {inter_ocular:.1f} px apart; "
             f"at most {FAIL_RMS * inter_ocular:.1f} px are accepted", view=index,
         )  # fmt: skip
-    warnings = []
+    warnings: list[WarningCode] = []
     yaw = abs(camera.yaw_pitch_roll_deg()[0])
     if yaw > WIDE_YAW_DEG:
         warnings.append("extreme-pose")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from service.errors import FaceCutOff, FaceTooSmall, MultipleFaces, NoFace, UsageError
-from service.face.finder import Face, FaceFinder, choose_face
+from service.face.finder import OVAL, Face, FaceFinder, choose_face
 from tests.service.face.conftest import Pixels
 from tests.service.face.geometry import inter_ocular, rms
 
@@ -108,6 +108,26 @@ def test_a_face_half_outside_is_no_usable_face(finder: FaceFinder, portrait: Pix
     }[side]
     with pytest.raises((FaceCutOff, NoFace)):
         choose_face(finder.find(np.ascontiguousarray(cut)), None, (cut.shape[1], cut.shape[0]))
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.0, False), (0.08, True), (0.15, True)])
+@pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
+def test_a_face_that_the_edge_cuts(
+    finder: FaceFinder, portrait: Pixels, face: Face, side: str, share: float, warned: bool
+) -> None:
+    """A photo may end where the face does; a chin, forehead or cheek that is missing is told."""
+    outline = face.landmarks[list(OVAL), :2]
+    (left, top), (right, bottom) = outline.min(0), outline.max(0)
+    gone = share * (bottom - top)
+    cut = {
+        "left": portrait[:, int(left + gone) :],
+        "right": portrait[:, : int(np.ceil(right - gone))],
+        "top": portrait[int(top + gone) :],
+        "bottom": portrait[: int(np.ceil(bottom - gone))],
+    }[side]
+    found = finder.find(np.ascontiguousarray(cut))
+    assert ("face-at-edge" in found[0].warnings) == warned
+    assert choose_face(found, None, (cut.shape[1], cut.shape[0])) is found[0], "it is a usable face"
 
 
 def test_noise_has_no_face(finder: FaceFinder) -> None:

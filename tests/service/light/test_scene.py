@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
+
 import numpy as np
 import pytest
 
@@ -15,7 +18,8 @@ from service.light.environment import (
     spread_directions,
 )
 from service.light.formulas import BAND_GAIN, estimate_light, gradient, sh_basis
-from service.light.scene import Environment, Scene
+from service.light.scene import Environment, PointLight, Scene, Softbox
+from service.render.request import RenderRequest
 
 RNG = np.random.default_rng(5)
 
@@ -92,6 +96,24 @@ def test_gradient_of_spherical_harmonics() -> None:
 def test_bad_scenes_are_refused_by_name(text: str, named: str) -> None:
     with pytest.raises(UsageError, match=named):
         Scene.from_json(text)
+
+
+@pytest.mark.parametrize(("scene", "place", "kind"), [
+    ({"ligths": []}, "ligths", Scene),
+    ({"environment": {"nam": "studio"}}, "environment/nam", Environment),
+    ({"environment": {"softboxes": [{"directon": [0, 1, 0], "radiance": [1, 1, 1]}]}},
+     "environment/softboxes/0/directon", Softbox),
+    ({"lights": [{"position_m": [0, 0, 1], "intensity": [1, 1, 1], "radius": 1}]}, "lights/0/radius", PointLight),
+])  # fmt: skip
+def test_a_name_that_does_not_exist_is_answered_with_those_that_do(
+    scene: dict[str, object], place: str, kind: type
+) -> None:
+    names = ", ".join(field.name for field in dataclasses.fields(kind))
+    with pytest.raises(UsageError, match=f"scene: there is no {place}; there are {names}$") as refusal:
+        Scene.from_json(json.dumps(scene))
+    assert refusal.value.extra == {"field": place}
+    with pytest.raises(UsageError, match=f"there is no scene/{place}; there are {names}$"):
+        RenderRequest(scene=scene)  # type: ignore[arg-type]
 
 
 def test_spread_directions_integrate_a_cosine() -> None:

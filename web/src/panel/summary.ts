@@ -1,5 +1,6 @@
 // What was measured, in words; the numbers are under "For artists".
 
+import WARNINGS from "../../../service/data/warnings.json";
 import type { Job } from "../api";
 import { make, words } from "../dom";
 import type { Fit, Hair, Likeness, Manifest } from "../viewer/manifest";
@@ -16,24 +17,6 @@ const FAIR = 0.06;
 /** Overlap of the hair's outline with that in the photo from which on it counts as alike. */
 const HAIR_LIKE = 0.7;
 
-const WARNINGS: Record<string, string> = {
-  "low-resolution": "The face is small in the photo; details are guessed.",
-  "low-confidence": "The face is hard to see; shape and pose are uncertain.",
-  "extreme-pose": "The face is turned far away; one side is made up.",
-  "under-exposed": "The face is dark; colours are uncertain.",
-  "eyes-covered": "The eyes are covered; they are made up.",
-  "gaze-not-seen": "Where the eyes look could not be seen.",
-  "glasses-removed": "Glasses were taken off; the skin under them is made up.",
-  "face-covered": "Something covers much of the face; the skin under it is made up.",
-  "not-segmented": "Skin could not be told from hair and clothes; all but the face is made up.",
-  "hair-unseen": "Hardly any hair is seen; it is made up.",
-  "hair-kind-doubtful": "The hairstyle could not be told for sure.",
-  "hair-style-poor": "The hair does not lie as in the photo.",
-  "hair-colour-guessed": "The hair's colour is guessed.",
-  "hair-not-for-this-head": "This head model takes no hair.",
-  "little-seen": "Little of the face is seen; the rest is made up.",
-};
-
 export function summary(job: Job, manifest: Manifest): HTMLElement {
   const section = make("section", { class: "summary", "aria-labelledby": "summary-title" });
   const { hair, options } = manifest;
@@ -42,7 +25,7 @@ export function summary(job: Job, manifest: Manifest): HTMLElement {
   const title = make("h2", { id: "summary-title" }, ...verdicts.map((text) => make("span", {}, text)));
   section.append(title, make("p", {}, manifest.fit ? sentences(manifest.fit) : "Made from a texture and a mesh."));
   const codes = new Set([...job.warnings, ...(manifest.fit?.warnings ?? []), ...(manifest.warnings ?? []), ...(manifest.hair?.doubts ?? [])]);
-  const rows = [...codes].map((code) => make("li", {}, WARNINGS[code] ?? `${words(code)}.`));
+  const rows = [...codes].map((code) => make("li", {}, (WARNINGS as Record<string, string>)[code] ?? `${words(code)}.`));
   if (rows.length) section.append(make("ul", { class: "note", "aria-label": "To be careful about" }, ...rows));
   return section;
 }

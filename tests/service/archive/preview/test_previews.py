@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from service.geometry.camera import Camera
 from service.light.environment import Illumination
 from service.render.draw import DrawnHead, over, see, sketch
 from service.render.view import turned_camera
+from service.warning_codes import WarningCode
 from tests.service.archive.toys import toy_avatar, toy_head
 
 HEAD = toy_head()
@@ -85,7 +87,7 @@ def test_previews_survive_a_fit_gone_wrong(case: str) -> None:
 def test_sheet_shows_views_facts_and_maps() -> None:
     first = sheet(toy_avatar(), draw(toy_avatar()))
     np.testing.assert_array_equal(first, sheet(toy_avatar(), draw(toy_avatar())))
-    many = replace(toy_avatar(), warnings=tuple(f"warning-{i}" for i in range(9)))
+    many = replace(toy_avatar(), warnings=get_args(WarningCode)[:9])
     assert sheet(many, draw(many)).shape == first.shape
     assert (sheet(many, draw(many)) != first).any(), "warnings are on the sheet"
 
