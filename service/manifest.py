@@ -378,7 +378,7 @@ class Hair(_Strict):
     dyed: bool
     """Whether the colour is none that melanin gives."""
     doubts: list[str]
-    """Stable codes: hair-unseen, hair-kind-doubtful, hair-style-poor, hair-colour-guessed, hair-not-for-this-head."""
+    """Stable codes, as warnings have them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -439,7 +439,7 @@ class Manifest(_Strict):
     """Largest resident memory in MiB; null unless requested."""
     models: list[ModelEntry]
     warnings: list[str]
-    """Stable codes of every stage."""
+    """Stable codes of every stage; service/data/warnings.json has a sentence for each."""
     overlay: Overlay | None = None
     """Null for an external mesh."""
     photos: list[UsedPhoto] = dataclasses.field(default_factory=list)
@@ -479,11 +479,8 @@ def _not_finite(value: object, path: str = "$") -> str:
     return next((found for name, item in items if (found := _not_finite(item, name))), "")
 
 
-PUBLISHED = (
-    Path(__file__).parents[1] / "docs" / "manifest.schema.json",
-    Path(__file__).parent / "data" / "manifest.schema.json",
-)
-"""For readers of the repository, and shipped with the package."""
+PUBLISHED = Path(__file__).parent / "data" / "manifest.schema.json"
+"""Shipped with the package; docs/manifest.schema.json is a link to it."""
 
 
 def schema_text() -> str:
@@ -492,5 +489,4 @@ def schema_text() -> str:
 
 
 if __name__ == "__main__":
-    for file in PUBLISHED:
-        file.write_text(schema_text(), encoding="utf-8")
+    PUBLISHED.write_text(schema_text(), encoding="utf-8")

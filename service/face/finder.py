@@ -50,7 +50,7 @@ class Face:
             image-right ear ("image-left" as seen when the face is upright).
         landmarks: (468, 3) float64: x, y in photo pixels, z in the same unit, growing away from the camera.
         presence: landmark network's face probability in [0, 1].
-        warnings: stable codes found while locating the face.
+        warnings: found while locating the face.
     """
 
     box: Float64
@@ -168,10 +168,6 @@ class FaceFinder:
         """All faces of an (H, W, 3) uint8 sRGB photo, largest box first; an empty list when there is none.
 
         Landmarks are in the frame of the photo as given, also for a face that lies on its side or stands on its head.
-        Warnings a face may carry: ``low-resolution`` (box under 80 pixels), ``landmarks-inconsistent`` (mesh and
-        detector disagree), ``landmarks-uncertain`` (weak evidence, as in a near profile), ``turned-90``, ``turned-180``
-        or ``turned-270`` (degrees clockwise by which the face is turned, to the nearest quarter), ``face-at-edge``,
-        ``under-exposed``, ``eyes-covered``.
 
         Raises:
             ValueError: pixels have another shape or type.
@@ -359,8 +355,7 @@ Measured on 31 photos that were cut: at most 0.007 where the photo ends with the
 
 
 def photo_warnings(pixels: UInt8, landmarks: Float64) -> tuple[WarningCode, ...]:
-    """Stable codes for one face: ``face-at-edge`` (the photo ends before the face does), ``under-exposed``,
-    ``eyes-covered`` (both eyes dark and featureless: sunglasses).
+    """What the pixels tell of one face.
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.

@@ -31,6 +31,12 @@ def normalise(vectors: AnyFloat, fallback: tuple[float, float, float] = (0.0, 0.
     return np.where(sound[..., None], unit, np.asarray(fallback, np.float64))
 
 
+def unit(vectors: AnyFloat) -> Float32:
+    """Vectors (..., 3) float32 of length 1; those shorter than 1e-9 stay short."""
+    length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    return np.asarray(vectors / np.maximum(length, 1e-9)[..., None], np.float32)
+
+
 def face_normals(vertices: AnyFloat, triangles: AnyInt) -> Float64:
     """(T, 3) float64 normals of (V, 3) vertices, outward for counter-clockwise corners, length twice the area."""
     v = np.asarray(vertices, np.float64)

@@ -20,11 +20,11 @@ import cv2
 import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, Int64
-from service.geometry.mesh import face_normals
+from service.geometry.mesh import face_normals, unit
 from service.geometry.nearest import Nearest
 from service.hair.atlas import SAMPLES, Atlas, Cells, Strokes, cell_corners, draw_atlas
 from service.hair.groom import Groom
-from service.hair.scalp import CELL_M, LOW, Field, Scalp, length_of, unit
+from service.hair.scalp import CELL_M, LOW, Field, Scalp, length_of
 from service.hair.style import WAVES
 from service.levels import QualityName
 from service.materials.material import Material, OwnMap

@@ -15,10 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from service.arrays import Bool, Float32, Int32, Int64
+from service.geometry.mesh import unit
 from service.geometry.nearest import Nearest
 from service.hair.colour import HairColour
 from service.hair.guides import CLEARANCE_M, GUIDE_POINTS, GUIDES, Combing, groups, grow_several, grown, resampled
-from service.hair.scalp import Roots, Scalp, length_of, mean_scalp, unit
+from service.hair.scalp import Roots, Scalp, length_of, mean_scalp
 from service.hair.style import WAVES, Style
 
 NEAR_GUIDES = 3

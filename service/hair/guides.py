@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import Bool, Float32, Int64
-from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp, length_of, unit
+from service.geometry.mesh import unit
+from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp, length_of
 from service.hair.style import LOOSE, Style
 from service.hair.style import Combing as Combed
 from service.robust import smoothstep

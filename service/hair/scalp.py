@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float32, Int64
-from service.geometry.mesh import folded, spread_points, vertex_normals
+from service.geometry.mesh import folded, spread_points, unit, vertex_normals
 from service.geometry.nearest import Nearest
 from service.head.model import HeadModel
 
@@ -267,12 +267,6 @@ def mean_scalp() -> Scalp:
 def length_of(lines: Float32) -> Float32:
     """(N,) lengths of lines through points (N, P, 3)."""
     return np.asarray(np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(1), np.float32)
-
-
-def unit(vectors: AnyFloat) -> Float32:
-    """Vectors (..., 3) of length 1; those of length 0 stay."""
-    length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
-    return np.asarray(vectors / np.maximum(length, 1e-9)[..., None], np.float32)
 
 
 def _distances(triangles: Float32) -> Float32:

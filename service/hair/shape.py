@@ -12,11 +12,12 @@ import cv2
 import numpy as np
 
 from service.arrays import Bool, Float32, Float64
+from service.geometry.mesh import unit
 from service.geometry.nearest import Nearest
 from service.hair.groom import Groom, make_groom
 from service.hair.guides import CLEARANCE_M, DOWN, Combing, bridge, met, recedes, resampled
 from service.hair.reading import CELLS
-from service.hair.scalp import CENTRE, CROWN, Scalp, length_of, unit
+from service.hair.scalp import CENTRE, CROWN, Scalp, length_of
 from service.hair.sight import Sight
 from service.hair.style import Style
 from service.image_filters import blurred

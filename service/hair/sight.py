@@ -11,11 +11,12 @@ from service.arrays import AnyFloat, Bool, Float32, Int64
 from service.face.fit.fit import Fit
 from service.face.region import Region
 from service.geometry.camera import NEAREST_M, Camera
+from service.geometry.mesh import unit
 from service.geometry.raster import rasterise
 from service.hair.guides import NAPE_M
 from service.hair.kinds import LENGTH_ENDS_M, LENGTHS
 from service.hair.reading import CELLS, HairReading
-from service.hair.scalp import Roots, unit
+from service.hair.scalp import Roots
 from service.head.model import HeadModel
 from service.image_filters import blurred, ramp
 

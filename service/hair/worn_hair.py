@@ -10,10 +10,11 @@ import numpy as np
 from service.arrays import Float32, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb, luma
 from service.face.fit.fit import Fit
+from service.geometry.mesh import unit
 from service.hair.cards import BUDGETS, PARTS, hair_parts
 from service.hair.colour import KNOTS, as_absorbed
 from service.hair.groom import Groom
-from service.hair.scalp import CENTRE, Scalp, unit
+from service.hair.scalp import CENTRE, Scalp
 from service.levels import QualityName
 from service.light.formulas import sh_basis
 from service.materials.material import Material, OwnMap

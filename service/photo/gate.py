@@ -58,10 +58,7 @@ def read_photo(data: bytes, limits: Limits = Limits()) -> Photo:  # noqa: B008 -
         limits: what is accepted, and what decoding may cost.
 
     Returns:
-        (H, W, 3) uint8 sRGB pixels, upright, with no metadata but the focal length. ``warnings`` may hold
-        ``no-colour`` (grey or of one tint), ``transparent`` (was put before grey), ``icc-ignored`` (its colour
-        profile is broken, so sRGB was assumed), ``extra-images-ignored`` (only the first image was read) and
-        ``focal-ignored`` (the file states the focal length of another frame).
+        (H, W, 3) uint8 sRGB pixels, upright, with no metadata but the focal length.
 
     Raises:
         UnreadableInput: one of its subclasses, for whatever is wrong with the bytes.

@@ -22,7 +22,7 @@ class Photo:
         pixels: (H, W, 3) uint8, sRGB, row 0 = top, EXIF turn applied.
         focal_35mm: 35 mm equivalent focal length from EXIF in mm, or None where unknown.
         sha256: hex digest of the bytes that came in.
-        warnings: stable codes (``no-colour``, ``transparent``, ``icc-ignored`` ...), each also in the manifest.
+        warnings: each also in the manifest.
         steps: (8, 8) float32 quantisation steps of a JPEG file's luma in coded values (1 = white), row = vertical
             frequency of the upright photo's file; None for other formats.
     """

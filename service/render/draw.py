@@ -13,7 +13,7 @@ import numpy as np
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
-from service.geometry.mesh import area_normals, normalise
+from service.geometry.mesh import area_normals, normalise, unit
 from service.geometry.raster import (
     composite,
     fragments,
@@ -124,11 +124,6 @@ def _along_v(part: MeshPart, triangles: Int32, places: Int32) -> Float32 | None:
     index = triangles.ravel()
     whole = np.stack([np.bincount(index, np.repeat(column, 3), len(points)) for column in each.T], 1)
     return np.asarray(normalise(whole.astype(np.float64), (0.0, -1.0, 0.0)), np.float32)
-
-
-def unit(vectors: Float32) -> Float32:
-    """Vectors (..., C) at a length of 1."""
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)
 
 
 @dataclass(frozen=True)

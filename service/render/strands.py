@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int64
-from service.geometry.mesh import normalise, spread_points
+from service.geometry.mesh import normalise, spread_points, unit
 from service.light.environment import Illumination, flux_by_direction, spread_directions
 from service.light.formulas import Graphs, lamp_numbers
 from service.light.scene import PointLight
 from service.materials.part import MeshPart
-from service.render.draw import DrawnPart, SeenPart, unit
+from service.render.draw import DrawnPart, SeenPart
 
 TILT = np.radians(3.0)
 """Of a cuticle's scales (Marschner 2003, table 1)."""

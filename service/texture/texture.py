@@ -83,9 +83,7 @@ class Texture:
         shape_normal_object: (H, W, 3) float32 unit normals of the head with the photo's expression, in head space.
         mask: (H, W) bool, True inside the islands.
         visible_fraction: share of the face region's area that the photo shows, in [0, 1].
-        warnings: stable codes: ``little-seen`` when less than a quarter of the face is visible, ``glasses-removed``
-            when the skin under glasses was inpainted, ``face-covered`` when a hat, a mask, a hand or so hides over
-            a fifth of the face, ``not-segmented`` when no part was read off the photo.
+        warnings: of what the photo does not show.
         parts: (H, W, 3) uint8 sRGB-coded diffuse albedo of eyes, eye sockets, teeth, tongue, mouth lining and lashes,
             extended over the chart; None for an external texture.
         iris, tooth: (3,) float32 linear RGB >= 0, albedo of irises and teeth; None for an external texture.

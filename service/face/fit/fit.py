@@ -63,8 +63,7 @@ class Fit:
             seen.
         landmark_rms_px: root mean square distance of trusted landmarks, photo pixels.
         inter_ocular_px: distance of the eye centres in the photo plane, scaled up to a frontal view.
-        warnings: stable codes; ``low-confidence`` means the fit is not to be trusted, ``gaze-not-seen`` that the eyes
-            are set straight ahead for want of a visible iris.
+        warnings: ``low-confidence`` means the fit is not to be trusted.
         gaze: where the eyes look, already part of ``expression``; None for a head without eyeballs.
         eye_light: (3,) linear RGB radiance in the photo of a white diffuse surface in place of the sclera, estimated
             from sclera and teeth (``service.face.features.eye_colours``); None if neither can be measured.
