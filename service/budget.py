@@ -17,7 +17,7 @@ from service.reflectance.reflectance_plan import ReflectancePlan
 from service.runtime.networks import ENLARGING, Engine, Network, choose_engine, open_network
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 SAMPLE = 256
 """Inner side of the tile that is measured."""

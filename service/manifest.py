@@ -439,7 +439,7 @@ class Manifest(_Strict):
     """Largest resident memory in MiB; null unless requested."""
     models: list[ModelEntry]
     warnings: list[str]
-    """Stable codes of every stage; service/data/warnings.json has a sentence for each."""
+    """Stable codes of every stage; service/data/words.json has a sentence for each."""
     overlay: Overlay | None = None
     """Null for an external mesh."""
     photos: list[UsedPhoto] = dataclasses.field(default_factory=list)

@@ -18,7 +18,7 @@ NOT_IN_SERVICE = {"torch", "torchvision", "tensorflow", "anny", "onnx", "onnxscr
 ORDER = {
     "service": (
         # What everything stands on.
-        "errors", "warning_codes", "machine", "places", "manifest", "arrays", "robust", "checks", "stage_cache",
+        "errors", "words", "machine", "places", "manifest", "arrays", "robust", "checks", "stage_cache",
         "levels", "map_registry", "image_filters", "colour", "corrections", "diagnosis", "photo", "head", "geometry",
         "materials", "runtime",
         # From the photo to the maps, and their files.

@@ -114,16 +114,16 @@ def answer_with(request: Request, context: Context, extent: Extent, headers: dic
     }
     if not_modified(request.headers, extent.etag):
         return Response(status_code=304, headers=headers)
-    part = wanted_range(request.headers, extent.size, extent.etag)
+    # A range of nothing is none: for HEAD the header has no meaning (RFC 9110, section 14.2).
+    part = None if is_head(request) else wanted_range(request.headers, extent.size, extent.etag)
     first, count = part or (0, extent.size)
     headers["Content-Length"] = str(count)
     if part is not None:
         headers["Content-Range"] = f"bytes {first}-{first + count - 1}/{extent.size}"
-    status = 200 if part is None else 206
     if is_head(request):
-        return Response(status_code=status, headers=headers)
+        return Response(headers=headers)
     pieces = _pieces(context, extent.artifact, extent.start + first, count)
-    return StreamingResponse(pieces, status, headers)
+    return StreamingResponse(pieces, 200 if part is None else 206, headers)
 
 
 async def _pieces(context: Context, artifact: str, start: int, count: int) -> AsyncIterator[bytes]:

@@ -19,6 +19,7 @@ from starlette.types import Scope
 from service.errors import AvatarError
 from service.jobs.view import from_error, problem
 from service.places import StoreFault
+from service.words import WORDS
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -27,45 +28,9 @@ log = logging.getLogger(__name__)
 IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp", "image/heic", "image/heif")
 """Media types of a photo that is the body of a request."""
 
-_OBJECT = "It has to be a JSON object of finite numbers and Unicode text, without deep nesting; 'detail' says more."
-
 EXPLANATIONS = {
-    "missing-file": "Send the photo as the part 'image' of a multipart/form-data body, or as the body itself.",
-    "malformed-multipart": "The body is not the multipart/form-data that its Content-Type announces.",
-    "too-many-parts": "Parts 'image', and one each of the others at most: options, keep_photo, metadata and so on.",
-    "part-too-large": "Parts other than the photo are limited to 16 KiB.",
-    "too-many-files": "One request makes one avatar of at most 24 photos, each a part 'image'.",
-    "unknown-field": "There is no such part or option. Photos are never fetched from an address.",
-    "malformed-options": _OBJECT,
-    "malformed-metadata": _OBJECT,
-    "usage": "An option is out of its range; 'pointer' names it.",
-    "malformed-render": _OBJECT,
-    "render-timeout": "The picture took too long; a smaller one, or one with fewer samples, takes less.",
-    "malformed-export": _OBJECT,
-    "export-timeout": "The kit took too long; an avatar with smaller maps takes less.",
+    **WORDS["explanations"],
     "unsupported-media-type": f"Photos are multipart/form-data or {', '.join(IMAGE_TYPES)}; the rest is JSON.",
-    "not-found": "There is nothing at this address, or it is not yours.",
-    "method-not-allowed": "This address does not take this method; 'Allow' names those that it takes.",
-    "bad-request": "The request breaks the rules of HTTP.",
-    "invalid-parameter": "A parameter of the address or a header is not what it has to be.",
-    "bad-host": "The Host header is none of the names of this server.",
-    "cross-origin": "A web page of another origin made this request; only pages of this server may change anything.",
-    "unauthorized": "Send a key: 'Authorization: Bearer KEY'.",
-    "listing-needs-key": "A server without keys lists jobs to its own machine only.",
-    "not-ready": "The result is there when the job has succeeded.",
-    "no-result": "The job has ended without a result.",
-    "gone": "The result has expired or was erased.",
-    "key-reuse": "An Idempotency-Key belongs to one request; another photo or other options need another key.",
-    "range-not-satisfiable": "One range within the file can be asked for.",
-    "queue-full": "Too many jobs are waiting; try again later.",
-    "quota": "Your key allows no more jobs now.",
-    "needs-memory": "Decoding this photo takes more memory than this server has for it.",
-    "busy": "Too many uploads are being received; try again shortly.",
-    "draining": "The server is shutting down; try again shortly.",
-    "starting": "The server is starting; try again shortly.",
-    "no-space": "The server has no space for uploads.",
-    "unavailable": "The database, or the store of photos and results, does not answer now; try again shortly.",
-    "request-timeout": "The request did not arrive in time.",
 }
 """What each code of this interface means, for ``/problems/{code}``."""
 

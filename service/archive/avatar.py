@@ -29,7 +29,7 @@ from service.reflectance.surface_maps import SurfaceMaps
 from service.runtime.network_registry import REGISTRY, networks_of
 from service.runtime.sessions import model_table
 from service.texture.texture import Texture
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from service.options import Options
 from service.photo.gate import expect_photo
 from service.photo.limits import PIPE, called, read_file
 from service.photo.video import VideoLimits, expect_video
-from service.warning_codes import in_words
+from service.words import WORDS
 
 if TYPE_CHECKING:
     from service.archive.avatar import Avatar
@@ -108,7 +108,7 @@ def naming(photos: Sequence[str]) -> Iterator[None]:
 def told(avatar: Avatar, target: str, facts: Callable[[], dict[str, Any]], *, as_json: bool) -> None:
     """Say what to look at, and the path of the archive, or facts of the run as one JSON object."""
     for code in avatar.all_warnings():
-        typer.echo(f"avatarme: warning: {code}: {in_words(code)}", err=True)
+        typer.echo(f"avatarme: warning: {code}: {WORDS['warnings'][code]}", err=True)
     tell_result(target, facts() if as_json else {}, as_json=as_json)
 
 

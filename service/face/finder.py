@@ -31,7 +31,7 @@ from service.face.detection import (
 )
 from service.face.features.rims import inside_rim
 from service.face.region import Region
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 LANDMARK_COUNT = 468
 """MediaPipe face mesh topology."""
@@ -304,10 +304,6 @@ def _found_before(box: Float64, faces: list[Face]) -> bool:
     return False
 
 
-TURNED: tuple[tuple[WarningCode, ...], ...] = ((), ("turned-90",), ("turned-180",), ("turned-270",))
-"""Warnings by quarter turns clockwise."""
-
-
 def _face(pixels: UInt8, gap: float, detection: Detection, mesh: Mesh) -> Face:
     warnings: list[WarningCode] = []
     if gap > CONSISTENT:
@@ -317,7 +313,10 @@ def _face(pixels: UInt8, gap: float, detection: Detection, mesh: Mesh) -> Face:
     # Face box in pixels below which the fit is less certain (warning ``low-resolution``).
     if detection.size < 80.0:
         warnings.append("low-resolution")
-    warnings += TURNED[round(np.degrees(detection.angle) / 90) % 4]
+    turned: tuple[WarningCode, ...] = ("turned-90", "turned-180", "turned-270")
+    quarter = round(np.degrees(detection.angle) / 90) % 4
+    if quarter:
+        warnings.append(turned[quarter - 1])
     return Face(
         box=detection.box,
         score=detection.score,

@@ -33,7 +33,7 @@ from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
 from service.image_filters import blurred, ramp
 from service.photo.photo import Photo
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 UNREAD = "crop"
 """Style of a head of which nothing was read."""

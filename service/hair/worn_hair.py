@@ -20,7 +20,7 @@ from service.light.formulas import sh_basis
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 from service.render.draw import MIRRORED, with_gloss, without_gloss
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 
 @dataclass(frozen=True)

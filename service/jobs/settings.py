@@ -25,6 +25,10 @@ _Name = Annotated[
     str, StringConstraints(pattern=r"^[\w.-]*[^\W_][\w.-]*$"),
     Right("of letters, digits, '-', '_' and '.', with one letter or digit at least"),
 ]  # fmt: skip
+_Hosts = Annotated[
+    str, StringConstraints(pattern=r"^(\s*([A-Za-z0-9.-]+(:\d+)?)?\s*(,|$))*$"),
+    Right("names of hosts, as hooks.example or hooks.example:8443, joined by commas"),
+]  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, config=CHECKED)
@@ -114,7 +118,7 @@ class Settings(Checked):
     idle_seconds: _Time = 10.0
     stalled_seconds: _Time = 60.0
     notice_seconds: _Time = 1.0
-    webhook_hosts: str = ""
+    webhook_hosts: _Hosts = ""
     webhook_secret: str = ""
     webhook_private: _Flag = False
     program: str = "service.jobs.avatar_process"

@@ -20,7 +20,7 @@ import sqlalchemy as sa
 
 from service.errors import as_facts
 from service.jobs.settings import Settings
-from service.warning_codes import in_words
+from service.words import WORDS
 
 FINAL = ("succeeded", "failed", "cancelled")
 """States that a job does not leave."""
@@ -61,7 +61,7 @@ def job_json(row: sa.RowMapping | Mapping[str, Any]) -> dict[str, Any]:
             "photo": f"{address}/photo" if row["keep_photo"] and row["photo"] and row["gone"] is None else None,
         },
         "warnings": json.loads(row["warnings"]),
-        "warning_words": [in_words(code) for code in json.loads(row["warnings"])],
+        "warning_words": [WORDS["warnings"].get(code, code) for code in json.loads(row["warnings"])],
         "options": options,
         "priority": row["priority"],
         "metadata": json.loads(row["metadata"]),
@@ -77,32 +77,7 @@ def stamp(seconds: float | None) -> str | None:
 
 _INTERNAL = "The server could not finish this; the fault is on its side and was logged."
 
-TITLES = {
-    "no-face": "No face in the photo",
-    "multiple-faces": "Several faces in the photo",
-    "face-too-small": "The face is too small",
-    "face-cut-off": "The face is cut off",
-    "fit-failed": "The head does not fit the face",
-    "unsupported-format": "Not a photo format that is accepted",
-    "corrupt-image": "The image is damaged",
-    "empty-file": "The file is empty",
-    "too-large": "The upload is too large",
-    "too-many-pixels": "The image has too many pixels",
-    "too-small": "The image is too small",
-    "bad-aspect": "The image is too long and narrow",
-    "animated": "The image has several frames",
-    "too-complex": "Decoding the image costs too much",
-    "bad-archive": "Not an archive that can be used",
-    "bad-mesh": "Not a mesh that can be used",
-    "usage": "An option is not possible",
-    "model-corrupt": "A data file of the server is damaged",
-    "numeric-error": "The computation failed",
-    "output": "The result could not be stored",
-    "crashed": "The computation crashed",
-    "out-of-memory": "The computation needs more memory than is allowed",
-    "out-of-time": "The computation takes more time than is allowed",
-    "internal": "A fault of the server",
-}
+TITLES = WORDS["titles"]
 """Title of each code of ``service.errors`` that a job can end with."""
 
 

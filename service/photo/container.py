@@ -15,7 +15,7 @@ from typing import NamedTuple
 from service.errors import AnimatedImage, CorruptImage, TooComplex, UnsupportedFormat
 from service.photo.limits import Limits, check_size
 from service.photo.wire import Codec
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 MAX_SEGMENTS = 8192
 """Segments of a JPEG file."""
@@ -103,19 +103,14 @@ def sniff(data: bytes) -> Codec:
     if brand in HEIC_BRANDS | HEIC_SEQUENCE_BRANDS:
         return Codec.HEIC
     looks_like = _looks_like(data, brand)
-    raise UnsupportedFormat(f"the file is {looks_like}; {formats_in_words()} is accepted", looks_like=looks_like)
+    accepted = ", ".join(readable_formats())
+    raise UnsupportedFormat(f"the file is {looks_like}; {accepted} are accepted", looks_like=looks_like)
 
 
 def readable_formats() -> tuple[str, ...]:
     """Names of the formats that this installation reads; HEIC where its decoder is installed."""
     heic = importlib.util.find_spec("pillow_heif") is not None
     return tuple(codec.name for codec in Codec if codec != Codec.HEIC or heic)
-
-
-def formats_in_words() -> str:
-    """The same as "JPEG, PNG or WebP"."""
-    *most, last = readable_formats()
-    return f"{', '.join(most)} or {last}"
 
 
 def _looks_like(data: bytes, brand: bytes) -> str:

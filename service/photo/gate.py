@@ -36,11 +36,11 @@ from service.errors import (
     TooManyBytes,
     UnsupportedFormat,
 )
-from service.photo.container import Container, formats_in_words, open_container
+from service.photo.container import Container, open_container, readable_formats
 from service.photo.limits import Limits, check_size
 from service.photo.photo import Photo, lacks_colour
 from service.photo.wire import READY, REPLY_SIZE, Codec, Note, Output, Reply, Request, Status
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 _NOTES: dict[Note, WarningCode] = {
     Note.TRANSPARENT: "transparent",
@@ -86,7 +86,7 @@ def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 -
 
 def _decoded(data: bytes, limits: Limits, *, keep: bool) -> tuple[Container, Reply, bytearray]:
     if not data:
-        raise EmptyFile(f"the file is empty; {formats_in_words()} is accepted")
+        raise EmptyFile(f"the file is empty; {', '.join(readable_formats())} are accepted")
     if len(data) > limits.max_bytes:
         words = f"the file has {len(data)} bytes; at most {limits.max_bytes} are accepted"
         raise TooManyBytes(words, bytes=len(data), limit=limits.max_bytes)

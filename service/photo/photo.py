@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import linear_to_lab, srgb_to_linear
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ from service.texture.unwrap import (
     widened,
     worn_before,
 )
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 
 @dataclass(frozen=True)

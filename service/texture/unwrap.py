@@ -41,7 +41,7 @@ from service.image_filters import blurred
 from service.photo.photo import Photo
 from service.robust import smoothstep
 from service.texture.inpainting import opacity
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 GRAZING = (0.12, 0.35)
 """Cosine of the viewing angle below which the weight is 0, and from which on it is the cosine's square."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.warning_codes import WORDS
+from service.words import WORDS
 from tests.support.browser import PHOTO, Opener, artists, make_head, picture, settle
 from tests.web.fake_service import KIT, Fake
 
@@ -39,12 +39,12 @@ def reload(page: Page) -> None:
 
 def test_every_warning_is_a_sentence(fake: Fake, open_page: Opener) -> None:
     """Those without one were shown as their code in capitals."""
-    fake.warnings = list(WORDS)
+    fake.warnings = list(WORDS["warnings"])
     page = open_page(fake.address, device_scale_factor=1, expected=EXPECTED)
     make_head(page)
     page.wait_for_selector("#inset:not([hidden])")
     shown = page.locator(".summary li").all_inner_texts()
-    assert shown[: len(WORDS)] == list(WORDS.values())
+    assert shown[: len(fake.warnings)] == list(WORDS["warnings"].values())
 
 
 def compare(page: Page, at: int) -> None:

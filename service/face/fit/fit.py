@@ -13,7 +13,7 @@ from service.arrays import Float32, Float64
 from service.checks import CHECKED, Checked, Right
 from service.face.features.eyes import Gaze
 from service.geometry.camera import Camera
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 Refine = Literal["landmarks", "dense", "full"]
 Iterations = Annotated[int, Strict(), Ge(1), Le(1000), Right("a whole number from 1 to 1000")]

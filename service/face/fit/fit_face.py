@@ -44,7 +44,7 @@ from service.head.model import HeadModel
 from service.head.regions import inter_ocular_m
 from service.photo.photo import Photo
 from service.robust import smoothstep
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 
 REACH_M = (0.008, 0.004)
 """Half length of the outline's search lines in each round, metres on the face."""

@@ -124,6 +124,10 @@ def test_ranges_and_caches_mind_the_content(client: httpx.Client, finished: tupl
     address = f"/v1/avatars/{job}/archive.zip"
     head = client.head(address)
     assert (head.status_code, head.content, int(head.headers["content-length"])) == (200, b"", len(content))
+    for asked in ("bytes=0-1", f"bytes={len(content)}-"):
+        ranged = client.head(address, headers={"Range": asked})
+        assert (ranged.status_code, ranged.headers["content-length"]) == (200, str(len(content))), "ranges are of GET"
+        assert "content-range" not in ranged.headers
     etag = head.headers["etag"]
     assert client.get(address, headers={"If-None-Match": etag}).status_code == 304
     assert client.get(address, headers={"Range": "bytes=0-1", "If-Range": etag}).status_code == 206

@@ -172,6 +172,20 @@ def test_others_are(address: str, inside: bool) -> None:
     assert may_be_reached(address, private=False) is not inside
 
 
+@pytest.mark.parametrize("hosts", ["https://hooks.example", '["hooks.example"]', "hooks.example/path", "a b"])
+def test_hosts_that_no_address_could_match_are_refused(hosts: str, tmp_path: Path) -> None:
+    """The server started, and refused every webhook as one that it does not list."""
+    (tmp_path / "secret").write_bytes(bytes(32))
+    with pytest.raises(UsageError, match=r"webhook_hosts is .*; it has to be names of hosts"):
+        Settings(webhook_hosts=hosts, webhook_secret=str(tmp_path / "secret"))
+
+
+@pytest.mark.parametrize("hosts", ["", "hooks.example", "10.0.0.8:8443, hooks.example,", "localhost:80"])
+def test_hosts_are_names_with_or_without_a_port(hosts: str, tmp_path: Path) -> None:
+    (tmp_path / "secret").write_bytes(bytes(32))
+    assert Settings(webhook_hosts=hosts, webhook_secret=str(tmp_path / "secret")).webhook_hosts == hosts
+
+
 def test_hosts_need_a_secret() -> None:
     with pytest.raises(UsageError, match="webhook_secret"):
         Settings(webhook_hosts="hooks.example")

@@ -1,6 +1,6 @@
 // What was measured, in words; the numbers are under "For artists".
 
-import WARNINGS from "../../../service/data/warnings.json";
+import { warnings } from "../../../service/data/words.json";
 import type { Job } from "../api";
 import { make, words } from "../dom";
 import type { Fit, Hair, Likeness, Manifest } from "../viewer/manifest";
@@ -25,7 +25,7 @@ export function summary(job: Job, manifest: Manifest): HTMLElement {
   const title = make("h2", { id: "summary-title" }, ...verdicts.map((text) => make("span", {}, text)));
   section.append(title, make("p", {}, manifest.fit ? sentences(manifest.fit) : "Made from a texture and a mesh."));
   const codes = new Set([...job.warnings, ...(manifest.fit?.warnings ?? []), ...(manifest.warnings ?? []), ...(manifest.hair?.doubts ?? [])]);
-  const rows = [...codes].map((code) => make("li", {}, (WARNINGS as Record<string, string>)[code] ?? `${words(code)}.`));
+  const rows = [...codes].map((code) => make("li", {}, (warnings as Record<string, string>)[code] ?? `${words(code)}.`));
   if (rows.length) section.append(make("ul", { class: "note", "aria-label": "To be careful about" }, ...rows));
   return section;
 }

@@ -17,7 +17,7 @@ from service.geometry.camera import Camera
 from service.light.environment import Illumination
 from service.render.draw import DrawnHead, over, see, sketch
 from service.render.view import turned_camera
-from service.warning_codes import WarningCode
+from service.words import WarningCode
 from tests.service.archive.toys import toy_avatar, toy_head
 
 HEAD = toy_head()

@@ -1,4 +1,4 @@
-"""Warnings: what makes an avatar less certain than usual, as stable codes, and each in words."""
+"""Words for stable codes: of warnings, which tell what makes an avatar less certain than usual, and of problems."""
 
 from __future__ import annotations
 
@@ -16,10 +16,6 @@ WarningCode = Literal[
 ]  # fmt: skip
 """Every code that a stage may issue: the fields that carry warnings have this type."""
 
-WORDS: dict[str, str] = json.loads((Path(__file__).parent / "data" / "warnings.json").read_text("utf-8"))
-"""A sentence for each code; the page is built from the same file."""
-
-
-def in_words(code: str) -> str:
-    """The sentence of a code; the code itself where another version issued it."""
-    return WORDS.get(code, code)
+WORDS: dict[str, dict[str, str]] = json.loads((Path(__file__).parent / "data" / "words.json").read_text("utf-8"))
+"""By code: a sentence for each of the ``warnings``, which the page is built from too, and ``titles`` and
+``explanations`` of problems."""
