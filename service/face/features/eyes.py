@@ -225,6 +225,11 @@ def lid_on_rim(
     return rim, fit_to_rim(rim, edges, names, head, neutral, start, seen.camera, placed=placed)
 
 
+def eyes_at_rest(head: HeadModel, expression: Float64) -> Float64:
+    """(E,) the expression with eyes as in the neutral face: behind dark glasses nothing is known of lids and gaze."""
+    return np.where([name.startswith("eye") for name in head.expression_names], 0, expression)
+
+
 def _shut(head: HeadModel, expression: Float64, side: str) -> Float64:
     """(E,) the expression with one eye closed, whose lids no gaze takes along."""
     out = np.array(expression, np.float64)

@@ -15,7 +15,7 @@ import numpy as np
 from service.arrays import Float32, Float64
 from service.errors import FitFailed
 from service.face.features.eye_colours import cheek_colour, eye_colours, light_from_sclera_and_teeth
-from service.face.features.eyes import SeenRims, eyes_on_rims, find_gaze, lids_on_rims, with_gaze
+from service.face.features.eyes import SeenRims, eyes_at_rest, eyes_on_rims, find_gaze, lids_on_rims, with_gaze
 from service.face.features.mouth import lips_on_rim, measure_teeth
 from service.face.features.rims import RIMS
 from service.face.finder import Face
@@ -41,7 +41,7 @@ from service.face.reading.openings import Scores, with_openings
 from service.face.reading.reader import Reading, View
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
-from service.head.regions import inter_ocular_m
+from service.head.regions import SIDES, inter_ocular_m
 from service.photo.photo import Photo
 from service.robust import smoothstep
 from service.words import WarningCode
@@ -310,7 +310,8 @@ def _results(views: Sequence[View], head: HeadModel, model: LandmarkModel, found
     for view, one in zip(views, found, strict=True):
         openings = {} if view.reading is None else view.reading.openings
         camera, expression = one.state.camera(*view.photo.size), one.state.coefficients[model.identity_count :]
-        rims.append(SeenRims(expression, camera, with_openings(view.face.landmarks, openings), frozenset(openings)))
+        read = frozenset(openings) - frozenset(SIDES if "eyes-covered" in view.face.warnings else ())
+        rims.append(SeenRims(expression, camera, with_openings(view.face.landmarks, openings), read))
     neutral = eyes_on_rims(head, neutral, rims)
     return [
         _result(index, view, head, neutral, one, seen)
@@ -336,12 +337,16 @@ def _result(index: int, view: View, head: HeadModel, neutral: Float32, found: La
     identity = found.state.coefficients[: len(found.state.coefficients) - len(expression)]
     neutral = neutral.copy()
     gaze = find_gaze(photo.pixels, rims, head, neutral, camera)
-    if gaze is not None:
+    hidden = "eyes-covered" in face.warnings
+    if hidden:
+        expression = eyes_at_rest(head, expression)
+    elif gaze is not None:
         expression = with_gaze(head, neutral, expression, gaze)
     # The landmark error is measured before lids and lips are moved: the embedding was calibrated on rendered heads, so
     # it already allows for where the network puts their landmarks.
     coefficients = np.concatenate([identity, expression])
-    expression = lids_on_rims(head, neutral, replace(seen, expression=expression))
+    if not hidden:
+        expression = lids_on_rims(head, neutral, replace(seen, expression=expression))
     mouth_rim = rims[list(RIMS["mouth"]), :2]
     inter_ocular = inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
     skin = cheek_colour(photo.pixels, face.landmarks, float(inter_ocular))

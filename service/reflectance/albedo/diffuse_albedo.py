@@ -25,6 +25,7 @@ from service.light.scene import BRIGHT
 from service.reflectance.albedo.albedo_prior import DARKEST, clues, error_model
 from service.reflectance.albedo.beside_skin import as_told
 from service.reflectance.albedo.corrections import (
+    GREY_HAIR,
     LIGHT_CONTRAST,
     SKIN_HUE,
     UNSEEN_SKIN,
@@ -48,7 +49,7 @@ from service.texture.texture import PhotoTexture
 ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST, UNLIKE_SKIN)
 """Corrections of the light where the photo shows skin in it, in order."""
 
-EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN,)
+EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN, GREY_HAIR)
 """Corrections of the light that is continued from there to the whole chart, in order."""
 
 

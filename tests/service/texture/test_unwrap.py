@@ -81,14 +81,14 @@ def test_a_hand_of_the_colour_of_skin_is_not_kept() -> None:
     assert with_it.visible_fraction < without.visible_fraction
 
 
-@pytest.mark.parametrize(("share", "kept"), [(0.006, False), (0.03, True)])
-def test_a_sliver_of_neck_between_jaw_and_collar_is_not_taken(share: float, kept: bool) -> None:
+@pytest.mark.parametrize(("share", "long", "kept"), [(0.006, 3, False), (0.03, 3, True), (0.02, 24, False)])
+def test_a_sliver_of_neck_between_jaw_and_collar_is_not_taken(share: float, long: int, kept: bool) -> None:
     """Jaw and collar throw their shade on it: it would leave two stains on the throat. A face may be in pieces."""
     unwrapped, zones = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART), Zones.of(CHART)
     row, column = np.divmod(CHART.texels, CHART.width)
     middle = int(np.median(row[(zones.beside > 0.99) & (np.abs(column - CHART.width / 2) < 3)]))
-    half = np.sqrt(share * CHART.width * CHART.height / 3) / 2
-    neck = zones.skin & (np.abs(row - middle) <= half) & (np.abs(column - CHART.width / 2) <= 3 * half)
+    half = np.sqrt(share * CHART.width * CHART.height / long) / 2
+    neck = zones.skin & (np.abs(row - middle) <= half) & (np.abs(column - CHART.width / 2) <= long * half)
     cheek = (zones.face > 0.9) & zones.skin & (np.abs(column - 0.6 * CHART.width) < 2)
     weight = np.where(neck | cheek, np.float32(1), np.float32(0))
     parts = np.zeros((len(weight), len(PARTS)), np.float32)

@@ -132,3 +132,13 @@ def test_the_shortest_and_the_longest_lens_that_exif_may_claim(head: HeadModel, 
     photo, face, reading = read("open")
     fit = fit_face(face, replace(photo, focal_35mm=focal), head, None, reading)
     assert np.isfinite(fit.vertices).all() and 0.1 < fit.camera.translation[2] < 25
+
+
+def test_eyes_behind_dark_glasses_are_open_and_look_ahead(head: HeadModel) -> None:
+    """The landmark network makes lids up where it sees black glass: people came out squinting, with eyes half shut."""
+    photo, face, reading = read("open")
+    hidden = fit_face(replace(face, warnings=(*face.warnings, "eyes-covered")), photo, head, None, reading)
+    eyes = np.array([name.startswith("eye") for name in head.expression_names])
+    assert np.abs(fitted("open").expression[eyes]).max() > 0.05, "the case tests nothing"
+    assert not hidden.expression[eyes].any()
+    assert np.isfinite(hidden.vertices).all() and hidden.landmark_rms_px < 1.2 * fitted("open").landmark_rms_px
