@@ -296,8 +296,8 @@ SURE = 0.9
 
 SLIVER, SLIVER_SEEN = 0.012, 0.05
 """Share of the chart below which an island of seen neck is not taken from the photo, and opacity that makes it one."""
-THIN = 0.0135
-"""The same of half its width over the chart's, 6 mm: the fitted jaw is off by as much, so that it is beard or shade."""
+THIN = 0.0225
+"""Half of its width over the chart's, likewise: 10 mm. The fitted jaw is off by half of that: it is beard or shade."""
 
 FRAME = (0.1, 0.07)
 """Probability of glasses, and share of the face with more, from which on glasses are worn: 0.12 and 0.15 on two photos
