@@ -187,9 +187,9 @@ def run(wanted: Wanted, display: Display) -> Tally:
             raise UsageError(f"there is no photo in {wanted.source}; they end with {', '.join(sorted(wanted.inputs))}")
         if not wanted.resume and wanted.shard is None:
             plan.refuse()
-        plan.ask(wanted.options)
-        engine = BatchEngine(wanted, work)
+        engine = BatchEngine(wanted, work)  # first: where the server is away, nothing tells of a batch
         try:
+            plan.ask(wanted.options)
             return _rounds(wanted, plan, engine, photos, display)
         finally:
             engine.close()

@@ -118,7 +118,8 @@ def _tell(tally: Tally, report: str, seconds: float, *, as_json: bool) -> None:
     words = ", ".join(f"{count} {name}" for name, count in facts.items() if count or name == "made")
     typer.echo(f"avatarme: {words}", err=True)
     if tally.ended_by is not None:
-        typer.echo(f"avatarme: {tally.ended_by.message}; go on with --resume", err=True)
+        whose = f"{KEY} holds no key of this server: " * (tally.ended_by.code == "access-denied")
+        typer.echo(f"avatarme: {whose}{tally.ended_by.message.removesuffix('.')}; go on with --resume", err=True)
         facts |= describe(tally.ended_by)
     if as_json:
         typer.echo(json.dumps({"report": report, "seconds": round(seconds, 3), **facts}))

@@ -88,6 +88,16 @@ def test_a_wrong_key_ends_the_batch_at_once(batch: Folders, fake: Fake) -> None:
     assert len(fake.requests("POST")) == 1
 
 
+def test_a_server_that_is_not_there_leaves_no_batch(batch: Folders, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next run, at the right address, was refused for the report of an earlier one, which had made nothing."""
+    photos(batch, 2)
+    monkeypatch.setattr("service.client.transport.SILENCE_S", 0.1)
+    with pytest.raises(ServerUnreachable):
+        batch.run(server="http://127.0.0.1:1")
+    assert not (batch.out / "report.jsonl").exists()
+    assert batch.run().made == 2
+
+
 def test_a_server_that_goes_away_ends_the_batch(batch: Folders, fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
     """All photos that are left would fail; the next run goes on where this one stopped."""
     photos(batch, 4)

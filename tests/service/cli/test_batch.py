@@ -99,3 +99,14 @@ def test_a_bar_on_a_terminal(
     assert out == ""
     assert "2 of 2 photos, 2.0 a minute, 1 failed" in err
     assert ("\x1b[3" in err) == (no_color is None)
+
+
+def test_a_refused_key_is_told_where_keys_come_from(
+    capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path
+) -> None:
+    """All that was said was which header the server wants."""
+    words = "Send a key: 'Authorization: Bearer KEY'."
+    fake.fail("POST", "avatars", answer(401, problem(401, "unauthorized", words)))
+    status, _, err = run(capsys, folder, tmp_path / "out", "--server", fake.url)
+    assert status == 1
+    assert f"avatarme: AVATARME_API_KEY holds no key of this server: {words[:-1]}; go on with --resume\n" in err
