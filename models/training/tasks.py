@@ -65,7 +65,7 @@ def choice(generator: torch.Generator, count: int) -> int:
 
 def byte(values: np.ndarray) -> Tensor:
     """uint8 -> float32 in [0, 1]."""
-    return torch.as_tensor(values).float() / 255.0
+    return torch.as_tensor(np.ascontiguousarray(values)).float() / 255.0
 
 
 @dataclass(frozen=True)
