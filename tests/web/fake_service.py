@@ -38,9 +38,9 @@ LARGE = [6144, 4096]
 SIZES = {"draft": [1536, 1024], "standard": LARGE, "high": LARGE, "reference": LARGE}
 QUALITY = {
     "items": [
-        {"quality": "draft", "size": [1536, 1024], "median_s": 8.2},
-        {"quality": "standard", "size": LARGE, "median_s": 41.0},
-        {"quality": "standard", "size": [1536, 1024], "median_s": 9.0},
+        {"quality": "draft", "size": [1536, 1024], "median_s": 5.6},
+        {"quality": "standard", "size": LARGE, "median_s": 26.7},
+        {"quality": "standard", "size": [1536, 1024], "median_s": 6.0},
     ],
     "levels": [{"name": name, "size": size} for name, size in SIZES.items()],
     "formats": ["jpeg", "png", "webp"],

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("button", ["#try", "#try-too"])
 def test_the_sample_is_made_at_once(button: str, fake: Fake, open_page: Opener) -> None:
     page = open_page(fake.address)
-    assert "about 8 s" in page.inner_text("#try")
+    assert "about 6 s" in page.inner_text("#try")
     page.click(button)
     page.wait_for_url("**/#avatar=*")
     assert fake.photos == [[(STATIC / "sample.jpg").read_bytes()]]
