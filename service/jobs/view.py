@@ -49,6 +49,7 @@ def job_json(row: sa.RowMapping | Mapping[str, Any]) -> dict[str, Any]:
         result = f"{address}/{kind.file}" if done else None
         links = {"self": address, "avatar": f"/v1/avatars/{row['source']}", kind.artifact: result}
         return {**common, "links": links, "request": options.get("request", {})}
+    warnings = json.loads(row["warnings"])
     return {
         **common,
         "stage": row["stage"],
@@ -60,8 +61,8 @@ def job_json(row: sa.RowMapping | Mapping[str, Any]) -> dict[str, Any]:
             "files": f"{address}/files" if done else None,
             "photo": f"{address}/photo" if row["keep_photo"] and row["photo"] and row["gone"] is None else None,
         },
-        "warnings": json.loads(row["warnings"]),
-        "warning_words": [WORDS["warnings"].get(code, code) for code in json.loads(row["warnings"])],
+        "warnings": warnings,
+        "warning_words": [WORDS["warnings"].get(code, code) for code in warnings],
         "options": options,
         "priority": row["priority"],
         "metadata": json.loads(row["metadata"]),

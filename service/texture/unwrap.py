@@ -342,11 +342,12 @@ def segment(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) ->
 
 
 def _slivers(chart: Chart, seen: Float32, zones: Zones) -> Bool:
-    """(N,) bool, small islands of seen neck and ears: between jaw and collar both throw their shade on them."""
-    shown = chart.spread((zones.skin & (seen > SLIVER_SEEN))[:, None].astype(np.float32))[..., 0]
-    _, label, found, _ = cv2.connectedComponentsWithStats((shown > 0.5).astype(np.uint8))
+    """(N,) bool, small and narrow islands of seen neck and ears: jaw and collar throw their shade on these."""
+    spread = chart.spread((zones.skin & (seen > SLIVER_SEEN))[:, None].astype(np.float32))[..., 0]
+    shown = (spread > 0.5).astype(np.uint8)
+    _, label, found, _ = cv2.connectedComponentsWithStats(shown)
     island = np.asarray(label.ravel()[chart.texels])
-    inside = cv2.distanceTransform((shown > 0.5).astype(np.uint8), cv2.DIST_L2, 3)
+    inside = cv2.distanceTransform(shown, cv2.DIST_L2, 3)
     half = np.zeros(len(found))
     np.maximum.at(half, label.ravel().astype(np.int64), inside.ravel())
     small = (found[:, cv2.CC_STAT_AREA] < SLIVER * label.size) | (half < THIN * label.shape[1])
