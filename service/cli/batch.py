@@ -15,7 +15,7 @@ import typer
 from service.cli.app import INTERRUPTED, describe
 from service.cli.files import head_file
 from service.cli.flags import AVATAR, Flag, Head, Json, asked, parsed, with_flags
-from service.errors import UsageError
+from service.errors import AvatarError, UsageError
 from service.machine import processors
 
 if TYPE_CHECKING:
@@ -81,6 +81,9 @@ def batch(
     try:
         with driver.on_stderr() as shown:
             tally = driver.run(wanted, shown)
+    except AvatarError as error:
+        error.message = _end(error)
+        raise
     except KeyboardInterrupt as interruption:
         typer.echo("avatarme: interrupted; what is finished is in the report, go on with --resume", err=True)
         if as_json:
@@ -107,6 +110,12 @@ def _check(wanted: Wanted, jobs: int | None, head: str | None) -> None:
         raise UsageError("--keep leaves archives on a server; name one with --server", field="keep")
 
 
+def _end(error: AvatarError) -> str:
+    """Why a batch ended early; of a key that was refused also where keys come from."""
+    whose = f"{KEY} holds no key of this server: " if error.code == "access-denied" else ""
+    return whose + error.message.removesuffix(".")
+
+
 def _tell(tally: Tally, report: str, seconds: float, *, as_json: bool) -> None:
     from service.batch.driver import SHOWN, printable
 
@@ -118,8 +127,7 @@ def _tell(tally: Tally, report: str, seconds: float, *, as_json: bool) -> None:
     words = ", ".join(f"{count} {name}" for name, count in facts.items() if count or name == "made")
     typer.echo(f"avatarme: {words}", err=True)
     if tally.ended_by is not None:
-        whose = f"{KEY} holds no key of this server: " * (tally.ended_by.code == "access-denied")
-        typer.echo(f"avatarme: {whose}{tally.ended_by.message.removesuffix('.')}; go on with --resume", err=True)
+        typer.echo(f"avatarme: {_end(tally.ended_by)}; go on with --resume", err=True)
         facts |= describe(tally.ended_by)
     if as_json:
         typer.echo(json.dumps({"report": report, "seconds": round(seconds, 3), **facts}))

@@ -300,13 +300,16 @@ class Client:
         return self._facts("/v1/models")
 
     def ready(self) -> None:
-        """Return where the server takes photos.
+        """Return where the server takes photos, and takes them with this key.
 
         Raises:
             ServerBusy: it is starting or draining.
+            AccessDenied: it knows no such key.
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
         self._transport.ask("GET", "/readyz", read_json)
+        with contextlib.suppress(NoSuchJob):  # who has no key is told of readiness, but not that a job is not there
+            self._transport.ask("GET", _path("0" * 32), read_json)
 
     def _facts(self, path: str) -> Mapping[str, Any]:
         content = self._transport.ask("GET", path, read_json)

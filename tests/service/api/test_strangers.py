@@ -19,6 +19,8 @@ import httpx
 import pytest
 
 from service.api.keys import new_key
+from service.client.client import Client
+from service.client.errors import AccessDenied
 from service.jobs.webhooks import resolved, target
 from tests.service.api.conftest import TOY_PICTURE, is_problem
 from tests.support.server import Server, small_photo, wait_for
@@ -220,7 +222,14 @@ def test_one_bad_receiver_stops_nobody_elses_messages(
     assert len(good.got) > before and time.monotonic() - begin < 5
 
 
-# 4. Decoding.
+# 4. Decoding, and keys that are not known.
+
+
+def test_a_client_learns_of_a_wrong_key_before_it_sends_anything(idle: Server) -> None:
+    with Client(idle.url, api_key=KEYS["ada"][0]) as known, Client(idle.url, api_key="wrong") as unknown:
+        known.ready()
+        with pytest.raises(AccessDenied):
+            unknown.ready()
 
 
 def test_photos_that_are_refused_count_in_the_quota_of_a_day(idle: Server) -> None:

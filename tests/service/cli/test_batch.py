@@ -101,6 +101,22 @@ def test_a_bar_on_a_terminal(
     assert ("\x1b[3" in err) == (no_color is None)
 
 
+def test_a_wrong_key_is_told_before_anything_is_written(
+    capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path
+) -> None:
+    """It left an empty report, for which the next run, with the right key, was refused."""
+    fake.fail("GET", "avatars/0+$", answer(401, problem(401, "unauthorized", "Send a key.")))
+    command = (folder, tmp_path / "out", "--server", fake.url, "--json")
+    status, out, err = run(capsys, *command)
+    assert (status, err) == (1, "avatarme: AVATARME_API_KEY holds no key of this server: Send a key\n")
+    assert json.loads(out)["error"]["code"] == "access-denied"
+    assert not fake.requests("POST")
+    assert not (tmp_path / "out" / "report.jsonl").exists()
+    fake.stages.clear()
+    status, _, err = run(capsys, *command)
+    assert status == 0, err
+
+
 def test_a_refused_key_is_told_where_keys_come_from(
     capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path
 ) -> None:
