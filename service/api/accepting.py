@@ -24,7 +24,7 @@ from service.jobs.admission import Bounds, KeyInUse, NewJob, NoRoom, count_refus
 from service.jobs.artifacts import artifact_name, kept_folder
 from service.jobs.database import now
 from service.jobs.store import Row, checkpoint, let_go
-from service.jobs.webhooks import target
+from service.jobs.webhooks import expect_reachable, target
 from service.photo.bundle import unbundled
 from service.photo.gate import check_photo, expect_photo
 from service.photo.video import expect_video
@@ -82,13 +82,15 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
         HttpProblem, AvatarError: the photo cannot be used, a value is not possible, or the tenant may have no more.
     """
     options = upload.options.to_json()
-    if upload.webhook_url:
-        target(upload.webhook_url, context.settings.webhook_hosts, private=context.settings.webhook_private)
+    private = context.settings.webhook_private
+    told = target(upload.webhook_url, context.settings.webhook_hosts, private=private) if upload.webhook_url else None
     digest = _digest(upload, options)
     if key is not None:
         known = await run_in_threadpool(context.store.by_key, tenant.name, key)
         if known is not None:
             return _same(known, digest)
+    if told is not None:
+        await expect_reachable(told, private=private)
     try:
         share = await run_in_threadpool(_of_each, upload, lambda photo: cost(photo, context.limits))
         async with context.decoding.taken(max(share, default=FIXED), tenant.name):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import contextlib
 import hashlib
 import hmac
 import ipaddress
@@ -83,14 +84,28 @@ def resolved(where: Target, *, private: bool) -> str:
     """The address of a target to connect to; looked up once, so that what was checked is what is reached.
 
     Raises:
-        OSError: the name has no address, or one that may not be reached.
+        UsageError: one of its addresses may not be reached. Which one is for the operator to know, not for strangers.
+        OSError: the name has no address.
     """
     found = socket.getaddrinfo(where.host, where.port, type=socket.SOCK_STREAM)
     addresses = list(dict.fromkeys(str(entry[4][0]) for entry in found))
     for address in addresses:
         if not may_be_reached(address, private=private):
-            raise OSError(f"{where.host} leads to {address}, which is not of the open internet")
+            log.warning("%s leads to %s, which may not be reached", where.host, address)
+            kind = "a private network or the open internet" if private else "the open internet (WEBHOOK_PRIVATE is off)"
+            words = f"webhook_url leads to {where.host}, which has an address that may not be reached; it has to be of"
+            raise UsageError(f"{words} {kind}", field="webhook_url")
     return addresses[0]
+
+
+async def expect_reachable(where: Target, *, private: bool) -> None:
+    """Refuse a target that may not be reached now; where its name has no address now, it may have one later.
+
+    Raises:
+        UsageError: as of :func:`resolved`.
+    """
+    with contextlib.suppress(OSError):  # TimeoutError is one
+        await asyncio.wait_for(asyncio.to_thread(resolved, where, private=private), LOOKUP_S)
 
 
 def may_be_reached(address: str, *, private: bool) -> bool:
@@ -110,6 +125,9 @@ def may_be_reached(address: str, *, private: bool) -> bool:
 
 _UNICAST = ipaddress.ip_network("2000::/3")
 _TUNNELS = (ipaddress.ip_network("2002::/16"), ipaddress.ip_network("2001::/32"))
+
+LOOKUP_S = 3.0
+"""Longest time that a request waits for the address of a name."""
 
 DEADLINE_S = 10.0
 """Longest time of one attempt, from the connection to the head of the answer, however many bytes trickle in."""
@@ -135,7 +153,8 @@ def send(where: Target, name: str, moment: int, body: bytes, secret: bytes, *, p
     """Send a message; returns the status of the answer, which is not read further. No redirection is followed.
 
     Raises:
-        OSError: there is no way there, it may not be gone, time is over, or what answers is no HTTP.
+        UsageError: it may not be reached.
+        OSError: there is no way there, time is over, or what answers is no HTTP.
     """
     import httpx  # here only: what takes requests has nothing to fetch with
 
@@ -166,6 +185,8 @@ def send(where: Target, name: str, moment: int, body: bytes, secret: bytes, *, p
 def tell(store: Store, settings: Settings, job: str, attempt: int) -> str:
     """One attempt to tell of the end of a job; the next one waits in the queue where it does not arrive.
 
+    A host that is not listed any more, or leads where nothing may be sent, is given up at once.
+
     Args:
         store: the jobs.
         settings: hosts that may be told, and the secret.
@@ -178,7 +199,7 @@ def tell(store: Store, settings: Settings, job: str, attempt: int) -> str:
     row = store.get(job)
     if row is None or row["webhook"] is None:
         return "nobody is to be told"
-    private = settings.webhook_private
+    private, last = settings.webhook_private, attempt >= ATTEMPTS
     try:
         where = target(row["webhook"], settings.webhook_hosts, private=private)
         secret = Path(settings.webhook_secret).read_bytes().strip()
@@ -187,7 +208,8 @@ def tell(store: Store, settings: Settings, job: str, attempt: int) -> str:
         said = f"status {status}"
     except (OSError, UsageError) as error:
         status, said = 0, f"{type(error).__name__}: {error}"
-    arrived, last = 200 <= status < 300, attempt >= ATTEMPTS
+        last = last or isinstance(error, UsageError)
+    arrived = 200 <= status < 300
     with store.engine.begin() as connection:
         if arrived or last:
             telemetry.count(connection, "webhooks", "arrived" if arrived else "given up")

@@ -267,6 +267,30 @@ def test_the_service_has_nothing_to_fetch_with() -> None:
             assert not {"urllib.request", "http.client", "ftplib", "pickle"} & set(names), file
 
 
+def test_a_webhook_that_leads_inside_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was taken, and tried again and again in vain. A request that was taken before is still the same job."""
+    (tmp_path / "secret").write_bytes(bytes(32))
+    hosts = "localhost, hooks.invalid"
+    settings = Settings(data=tmp_path / "data", reserve_mb=1, webhook_hosts=hosts, webhook_secret=f"{tmp_path}/secret")
+    with open_api(settings) as client:
+
+        def post(host: str, key: str) -> httpx2.Response:
+            parts = {"webhook_url": f"https://{host}/x"}
+            headers = {"Idempotency-Key": key}
+            return client.post("/v1/avatars", files={"image": ("a.jpg", GOOD)}, data=parts, headers=headers)
+
+        refused = post("localhost", "first")
+        is_problem(refused, 422, "usage")
+        assert refused.json()["pointer"] == "/webhook_url"
+        assert "webhook_url leads to localhost, " in refused.json()["detail"]
+        assert "WEBHOOK_PRIVATE" in refused.json()["detail"]
+        taken = post("hooks.invalid", "second")
+        assert taken.status_code == 202, "a name without an address now may have one when the job ends"
+        monkeypatch.setattr("socket.getaddrinfo", lambda *_, **__: [(0, 0, 0, "", ("10.0.0.8", 443))])
+        assert post("hooks.invalid", "second").json()["id"] == taken.json()["id"]
+        is_problem(post("hooks.invalid", "third"), 422, "usage")
+
+
 def test_a_photo_in_pieces_of_any_size_is_the_same_photo(shared: Api) -> None:
     """The streaming parser sees boundaries in every position."""
     whole = part("image", GOOD) + part("options", b'{"seed": 3}') + END

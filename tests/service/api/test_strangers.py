@@ -21,6 +21,7 @@ import pytest
 from service.api.keys import new_key
 from service.client.client import Client
 from service.client.errors import AccessDenied
+from service.errors import UsageError
 from service.jobs.webhooks import resolved, target
 from tests.service.api.conftest import TOY_PICTURE, is_problem
 from tests.support.server import Server, small_photo, wait_for
@@ -313,7 +314,7 @@ def test_what_was_downloaded_is_asked_for_again(ada: httpx.Client, bob: httpx.Cl
 def test_a_listed_name_that_leads_inside_is_not_told(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
     kind = socket.AF_INET6 if ":" in address else socket.AF_INET
     monkeypatch.setattr(socket, "getaddrinfo", lambda *a, **b: [(kind, socket.SOCK_STREAM, 6, "", (address, 443))])
-    with pytest.raises(OSError, match="open internet"):
+    with pytest.raises(UsageError, match=r"leads to hooks\.example, .* has to be of the open internet"):
         resolved(target("https://hooks.example/x", "hooks.example", private=False), private=False)
 
 

@@ -114,6 +114,18 @@ def test_what_does_not_arrive_is_sent_again_until_it_is_given_up(
     assert telemetry.counts(bench.engine, "webhooks") == {"given up": 1}
 
 
+def test_a_host_that_has_come_to_lead_inside_is_given_up_at_once(
+    bench: Bench, settings: Settings, receiver: Receiver
+) -> None:
+    """It was tried for 16 hours, in vain each time."""
+    settings = replace(settings, webhook_private=False)
+    job = bench.add(webhook=receiver.url.replace("http:", "https:"))
+    bench.store.fail(job, {"code": "no-face"}, now() + 100)
+    assert "leads to localhost" in webhooks.tell(bench.store, settings, job, 1)
+    assert attempts(bench, job) == ["ENQUEUED"]
+    assert telemetry.counts(bench.engine, "webhooks") == {"given up": 1}
+
+
 def test_of_a_job_that_was_cancelled_or_erased_nobody_is_told(
     bench: Bench, settings: Settings, receiver: Receiver
 ) -> None:
