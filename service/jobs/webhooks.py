@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import binascii
 import contextlib
 import hashlib
 import hmac
@@ -136,6 +137,17 @@ SENDERS = 16
 """Messages that one worker sends at the same time, each to another host or of another tenant."""
 
 
+def secret_of(text: bytes) -> bytes:
+    """The secret in the text of a file: as Standard Webhooks 1 writes it (``whsec_`` and base64), or the text itself.
+
+    Raises:
+        binascii.Error: what follows ``whsec_`` is no base64.
+    """
+    secret = text.strip()
+    coded = secret.removeprefix(b"whsec_")
+    return secret if coded == secret else base64.b64decode(coded + b"==")
+
+
 def signature(secret: bytes, name: str, moment: int, body: bytes) -> str:
     """``v1,`` and the base64 of the HMAC-SHA256 of ``NAME.MOMENT.BODY``, as Standard Webhooks 1 has it.
 
@@ -202,11 +214,11 @@ def tell(store: Store, settings: Settings, job: str, attempt: int) -> str:
     private, last = settings.webhook_private, attempt >= ATTEMPTS
     try:
         where = target(row["webhook"], settings.webhook_hosts, private=private)
-        secret = Path(settings.webhook_secret).read_bytes().strip()
+        secret = secret_of(Path(settings.webhook_secret).read_bytes())
         body = json.dumps({"type": "job.ended", "job": job_json(row)}).encode()
         status = send(where, f"msg_{job}", int(now()), body, secret, private=private)
         said = f"status {status}"
-    except (OSError, UsageError) as error:
+    except (OSError, UsageError, binascii.Error) as error:
         status, said = 0, f"{type(error).__name__}: {error}"
         last = last or isinstance(error, UsageError)
     arrived = 200 <= status < 300

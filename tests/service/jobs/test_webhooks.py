@@ -114,6 +114,34 @@ def test_what_does_not_arrive_is_sent_again_until_it_is_given_up(
     assert telemetry.counts(bench.engine, "webhooks") == {"given up": 1}
 
 
+def test_a_secret_may_be_written_as_the_standard_has_it(bench: Bench, settings: Settings, receiver: Receiver) -> None:
+    """Every receiver with a library of Standard Webhooks takes ``whsec_`` off and decodes the rest: none could check.
+
+    What such a library (standardwebhooks 1.0.1, ``Webhook("whsec_...").sign``) makes of secret, name, moment and body.
+    """
+    Path(settings.webhook_secret).write_text("whsec_c2VjcmV0c2VjcmV0c2VjcmV0c2VjcmV0\n")
+    job = bench.add(webhook=receiver.url)
+    bench.store.fail(job, {"code": "no-face"}, now() + 100)
+    assert webhooks.tell(bench.store, settings, job, 1) == "status 200"
+    ((headers, body),) = receiver.seen
+    signed = f"{headers['webhook-id']}.{headers['webhook-timestamp']}.".encode() + body
+    digest = base64.b64encode(hmac.new(b"secret" * 4, signed, hashlib.sha256).digest()).decode()
+    assert headers["webhook-signature"] == f"v1,{digest}"
+    secret = webhooks.secret_of(b"whsec_c2VjcmV0c2VjcmV0c2VjcmV0c2VjcmV0")
+    assert (
+        webhooks.signature(secret, "msg_1", 1_700_000_000, b'{"a": 1}')
+        == "v1,6J6fbuuhoCiEbiw/X375tnQnR+dX8iha8gj0tQoSPJI="
+    )
+
+
+def test_a_secret_that_is_no_base64_loses_no_message(bench: Bench, settings: Settings, receiver: Receiver) -> None:
+    Path(settings.webhook_secret).write_text("whsec_c2V\u00e9jcmV0c")
+    job = bench.add(webhook=receiver.url)
+    bench.store.fail(job, {"code": "no-face"}, now() + 100)
+    assert "Error" in webhooks.tell(bench.store, settings, job, 1)
+    assert attempts(bench, job) == ["ENQUEUED", "DELAYED"]
+
+
 def test_a_host_that_has_come_to_lead_inside_is_given_up_at_once(
     bench: Bench, settings: Settings, receiver: Receiver
 ) -> None:
