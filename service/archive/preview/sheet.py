@@ -22,6 +22,7 @@ from service.light.scene import WHITE, PointLight, Triple
 from service.materials.part import framed
 from service.render.draw import DrawnHead, over, see, sketch
 from service.render.view import turned_camera
+from service.words import WORDS
 
 Image = UInt8
 Colour = tuple[int, int, int]
@@ -278,7 +279,7 @@ def _facts(page: Image, avatar: Avatar, x: int, y: int) -> None:
     write_text(page, "Warnings", x, y + 14, 16, WARNING, bold=True)
     y += 40
     for code in warnings[:4]:
-        write_text(page, code, x, y, 14, WARNING)
+        write_text(page, WORDS["warnings"][code], x, y, 14, WARNING)
         y += 21
     if len(warnings) > 4:
         write_text(page, f"and {len(warnings) - 4} more, see manifest.json", x, y, 14, WARNING)

@@ -117,7 +117,7 @@ def test_what_does_not_arrive_is_sent_again_until_it_is_given_up(
 def test_a_secret_may_be_written_as_the_standard_has_it(bench: Bench, settings: Settings, receiver: Receiver) -> None:
     """Every receiver with a library of Standard Webhooks takes ``whsec_`` off and decodes the rest: none could check.
 
-    What such a library (standardwebhooks 1.0.1, ``Webhook("whsec_...").sign``) makes of secret, name, moment and body.
+    What such a library (standardwebhooks 1.1.0, ``Webhook("whsec_...").sign``) makes of secret, name, moment and body.
     """
     Path(settings.webhook_secret).write_text("whsec_c2VjcmV0c2VjcmV0c2VjcmV0c2VjcmV0\n")
     job = bench.add(webhook=receiver.url)

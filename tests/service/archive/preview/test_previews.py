@@ -6,18 +6,19 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import get_args
 
+import cv2
 import numpy as np
 import pytest
 
 from service.archive.pack import draw
 from service.archive.preview.overlay import crop_box, overlay
-from service.archive.preview.sheet import TILE, blank, sheet, write_text
+from service.archive.preview.sheet import TILE, WARNING, blank, sheet, write_text
 from service.colour import bytes_to_linear
 from service.geometry.camera import Camera
 from service.light.environment import Illumination
 from service.render.draw import DrawnHead, over, see, sketch
 from service.render.view import turned_camera
-from service.words import WarningCode
+from service.words import WORDS, WarningCode
 from tests.service.archive.toys import toy_avatar, toy_head
 
 HEAD = toy_head()
@@ -90,6 +91,20 @@ def test_sheet_shows_views_facts_and_maps() -> None:
     many = replace(toy_avatar(), warnings=get_args(WarningCode)[:9])
     assert sheet(many, draw(many)).shape == first.shape
     assert (sheet(many, draw(many)) != first).any(), "warnings are on the sheet"
+
+
+def test_warnings_on_the_sheet_are_sentences_that_fit() -> None:
+    """They were bare codes."""
+    longest = sorted(get_args(WarningCode), key=lambda code: len(WORDS["warnings"][code]))[-4:]
+    plain = toy_avatar()
+    fit, texture = replace(plain.fit, warnings=()), replace(plain.texture, warnings=())
+    page = sheet(replace(plain, fit=fit, texture=texture, warnings=tuple(longest)), draw(plain))
+    assert (page[:, -22:] == page[0, 0]).all(), "a sentence runs over the margin"
+    for code in longest:
+        words = blank(520, 20)
+        write_text(words, WORDS["warnings"][code], 0, 14, 14, WARNING)
+        found = cv2.matchTemplate(page, words[:, :480], cv2.TM_SQDIFF_NORMED)
+        assert found.min() < 1e-3, code
 
 
 def test_text_is_the_same_from_any_thread() -> None:
