@@ -34,7 +34,6 @@ from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo
 from service.archive.avatar import Avatar, Drawn, Shapes, Source, model_cards
 from service.archive.pack import draw, draw_shapes
 from service.budget import within_budget
-from service.corrections import Ledger
 from service.diagnosis import peak_rss_mb
 from service.face.features.eye_colours import NAMED_IRISES
 from service.face.features.mouth import with_mouth_shut
@@ -146,8 +145,7 @@ def make_avatar(
         with stage("hair"):
             # What needs no hair is made beside it.
             others = [(view.photo, other, view.reading) for view, other in gathered.others]
-            ledger = Ledger(options.without)
-            known = pool.submit(Unwrappings.of, chart, [(photo, fit, reading), *others], ledger)
+            known = pool.submit(Unwrappings.of, chart, [(photo, fit, reading), *others])
             subject = pool.submit(Subject.fitted, head, fit) if plan.stages else None
             small = options.map_size[0] * options.map_size[1] <= SMALL_MAP
             flesh = pool.submit(flesh_mm, head, fit.vertices) if "thickness" in options.maps and small else None
@@ -237,7 +235,6 @@ def make_avatar(
                 roots=lambda: left_by_roots(texture, hair.result()),
                 coloured=draw_early,
             )
-            reflectance = replace(reflectance, corrections=(*ledger.applied, *reflectance.corrections))
             stage.timings |= reflectance.timings_s
         thick = None if flesh is None else flesh.result()
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size, thick)

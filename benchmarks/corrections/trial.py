@@ -21,7 +21,7 @@ from service.stage_cache import StageCache
 
 SIZE = (768, 512)
 """Maps of the trial: a rule decides on the light of 192 x 128 cells or on textures of 576 x 384, whatever the map."""
-FIRST_STAGE = "texture"
+FIRST_STAGE = "diffuse_albedo"
 """The first stage of the pipeline that has to be made anew without a rule."""
 
 

@@ -60,7 +60,7 @@ def opacity(weight: AnyFloat) -> Float32:
 
 def complete_skin(
     chart: Chart, colour: Float32, seen: Float32, skin: Float32, scalp: Float32 | None,
-    plain: Float32 | float = 1.0,
+    plain: Float32 | float = 1.0, worn: Float32 | float = 0.0,
 ) -> Completed:
     """Colour of all skin: base, detail and mirrored detail.
 
@@ -71,10 +71,11 @@ def complete_skin(
         skin: (3,) sRGB of the person's skin, the prior far from everything seen.
         scalp: (3,) sRGB of the hair (or bald scalp), or None where the photo does not show it.
         plain: (N,) in [0, 1], share of a texel that is skin and no brow: what is hidden beside brows is not dark.
+        worn: (N,) in [0, 1], share of a texel that a hat hides. It has the prior's colour: beside it lies its shadow.
     """
     on_skin = (chart.inner_part == chart.head.part_names.index("skin")).astype(np.float32)
     shown = seen * on_skin
-    base = chart.inside(_base(chart, colour, shown * plain, skin, scalp))
+    base = chart.inside(_base(chart, colour, shown * plain, worn * on_skin * (1 - shown), skin, scalp))
     detail = np.where(shown[:, None] > 0, colour - base, 0.0).astype(np.float32)
     seen = _feather(chart, shown)
 
@@ -86,8 +87,12 @@ def complete_skin(
     return Completed(np.clip(result, 0, 1).astype(np.float32), seen, reflected)
 
 
-def _base(chart: Chart, values: Float32, trust: Float32, skin: Float32, scalp: Float32 | None) -> Float64:
-    """(V, 3) smooth sRGB on the whole mesh, from values (N, 3) at the texels."""
+def _base(
+    chart: Chart, values: Float32, trust: Float32, usual: Float32, skin: Float32, scalp: Float32 | None
+) -> Float64:
+    """(V, 3) smooth sRGB on the whole mesh, from values (N, 3) at the texels, with their trust (N,) and that of the
+    prior there (N,).
+    """
     head = chart.head
     count = len(head.mean)
     hair = vertex_mask(head, "scalp").astype(np.float64)
@@ -108,7 +113,10 @@ def _base(chart: Chart, values: Float32, trust: Float32, skin: Float32, scalp: F
     far = np.tile(skin.astype(np.float64), (count, 1))
     if scalp is not None:
         far += hair[:, None] * (scalp.astype(np.float64) - far)
-    return np.clip(smooth_fit(edges, known, total, SMOOTHNESS, far, PRIOR_TRUST), 0, 1)
+    _, prior = splat(chart.corners, chart.weights, values[:, :0], usual, count)
+    both = total + prior
+    known = (total[:, None] * known + prior[:, None] * far) / np.where(both > 0, both, 1)[:, None]
+    return np.clip(smooth_fit(edges, known, both, SMOOTHNESS, far, PRIOR_TRUST), 0, 1)
 
 
 def _lip_difference(chart: Chart, colour: Float32, base: Float32, seen: Float32) -> Float32:

@@ -13,10 +13,9 @@ import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb, srgb_to_linear, to_bytes
-from service.corrections import SEEN_CHANGE, Ledger
 from service.errors import NumericFault
 from service.face.fit.fit import Fit
-from service.face.reading.part_labels import BROW, HAIR, SKIN
+from service.face.reading.part_labels import BROW, HAIR, HAT, SKIN
 from service.face.reading.reader import Reading, View
 from service.geometry.chart import Chart, chart_points
 from service.geometry.mesh import face_normals, laplacian, normalise, smooth_fit, splat, vertex_normals
@@ -28,7 +27,7 @@ from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
 from service.robust import smoothstep
 from service.texture.blending import Blend, Layer, blend
-from service.texture.finer_cover import HAT_SHADOW, finer_cover, in_the_dark, out_of_shadow
+from service.texture.finer_cover import finer_cover, in_the_dark
 from service.texture.inpainting import Completed, complete_skin
 from service.texture.part_colours import Parts, paint_parts
 from service.texture.unwrap import (
@@ -73,7 +72,7 @@ class Texture:
     islands.
 
     Attributes:
-        texture: (H, W, 3) uint8 sRGB, the photo's light baked in, without the shadow of a hat.
+        texture: (H, W, 3) uint8 sRGB, the photo's light baked in.
         bright: (H, W, 3) uint8, the same with all skin that is too dark in the photo for its colour to be told
             completed as where the photo shows none; None: there is none.
         confidence: (H, W) uint8: ``SEEN`` to 255 seen in the photo, ``MIRRORED`` to ``SEEN - 1`` mirrored from the
@@ -215,15 +214,8 @@ class Unwrappings:
     normals: Float32
 
     @classmethod
-    def of(
-        cls, chart: Chart, views: Sequence[tuple[Photo, Fit, Reading | None]], ledger: Ledger | None = None
-    ) -> Unwrappings:
+    def of(cls, chart: Chart, views: Sequence[tuple[Photo, Fit, Reading | None]]) -> Unwrappings:
         """Unwrap photos, each with its own fit of the head, the first with that of the texture.
-
-        Args:
-            chart: of the head.
-            views: the photos, with what was read in them.
-            ledger: which corrections run; it counts the texels that they change. None: all run.
 
         Raises:
             NumericFault: vertices or a camera are not finite.
@@ -231,7 +223,7 @@ class Unwrappings:
         for _, fit, _ in views:
             _require_finite(fit)
         zones, vertices = Zones.of(chart), views[0][1].vertices
-        sights = tuple(_sight(chart, zones, *view, ledger or Ledger()) for view in views)
+        sights = tuple(_sight(chart, zones, *view) for view in views)
         return cls(zones, sights, chart.fill_outside(chart.normals(vertices)))
 
 
@@ -271,10 +263,11 @@ def make_texture(
         scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
         on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
         fallback = DEFAULT_SKIN if found.colour is None else found.colour
-        completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp, 1 - part[:, BROW])
+        given = chart, unwrapped.colour, found.seen, fallback, on_scalp
+        completed = complete_skin(*given, plain=1 - part[:, BROW], worn=part[:, HAT])
         person, sure = fallback if fit.cheek is None else fit.cheek, _confidence(completed)
-        given = chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person
-        return layers, mixed, completed, paint_parts(*given)
+        shown = chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person
+        return layers, mixed, completed, paint_parts(*shown)
 
     layers, mixed, completed, parts = made(telling=True)
     unwrapped, part, weight, found = (getattr(mixed.layer, name) for name in _LAYER)
@@ -310,7 +303,7 @@ _LAYER = ("unwrapped", "parts", "weight", "found")
 
 
 def _sight(
-    chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None, ledger: Ledger
+    chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None
 ) -> tuple[Unwrapped, Float32, Float32, Float32]:
     """One of the sights of :class:`Unwrappings`."""
     unwrapped = unwrap(photo, fit, chart)
@@ -318,15 +311,10 @@ def _sight(
         nothing = np.zeros_like(unwrapped.weight)
         return unwrapped, parts_of_face(chart, unwrapped, zones), nothing, nothing
     part = parts_at(reading, fit, unwrapped)
-    lost: Float32 | float = 0.0
-    if ledger.runs(HAT_SHADOW):
-        colour, lost = out_of_shadow(chart, unwrapped, part, zones)
-        changed = np.abs(colour - unwrapped.colour).max(1) > SEEN_CHANGE
-        ledger.count(HAT_SHADOW, int(changed.sum()), len(changed))
-        unwrapped = replace(unwrapped, colour=colour)
     read = chart, unwrapped, part, zones
-    dark = in_the_dark(*read)
-    cover = np.maximum(np.maximum(finer_cover(*read), lost), dark * (1 - zones.face))  # black beside it may be a collar
+    dark, black = in_the_dark(*read)
+    black = np.maximum(black, dark * (1 - zones.face))  # what is dark beside the face may be a collar
+    cover = np.maximum(finer_cover(*read), black)
     return unwrapped, part, cover, dark
 
 

@@ -43,7 +43,6 @@ from service.robust import agreement, smoothstep
 from service.runtime.network_registry import CONTEXT, EYES, INPAINTED, LIDS, LIT, PARTS, SHOWN, TEXTURE, networks_of
 from service.runtime.networks import Network, describe_network, open_network
 from service.runtime.tiles import run_whole
-from service.texture.finer_cover import HAT_SHADOW
 from service.texture.texture import PhotoTexture
 
 ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST, UNLIKE_SKIN)
@@ -233,7 +232,6 @@ def diffuse_albedo(
 
 
 REGISTRY: tuple[Correction, ...] = (
-    HAT_SHADOW,
     *ON_LIT_SKIN,
     *EVERYWHERE,
     TOLD_LIGHT,

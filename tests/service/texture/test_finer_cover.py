@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from service.arrays import Float32
-from service.face.reading.part_labels import BROW, GLASSES, HAIR, HAT, PARTS, SKIN
+from service.face.reading.part_labels import BROW, GLASSES, HAIR, PARTS, SKIN
 from service.geometry.chart import Chart
 from service.head.files import load_head
-from service.texture.finer_cover import finer_cover, in_the_dark, out_of_shadow
+from service.texture.finer_cover import finer_cover, in_the_dark
 from service.texture.unwrap import Unwrapped, Zones
 
 HEAD = load_head()
@@ -72,48 +72,25 @@ def test_what_is_nearly_black_hides_skin_and_brows_may_be_black() -> None:
     brim, brow, lit_brow = ROW < 120, np.abs(ROW - 110) < 4, np.abs(ROW - 150) < 4
     shaded = np.where((brim | lit_brow)[:, None], TONE * np.float32(0.03), TONE).astype(np.float32)
     read = parts(**{f"p{BROW}": (brow | lit_brow).astype(np.float32)})
-    hidden = in_the_dark(CHART, seen(shaded), read, ZONES)
+    hidden, black = in_the_dark(CHART, seen(shaded), read, ZONES)
     own = ZONES.skin & (ZONES.hidden < 0.1) & (np.abs(ROW - 120) > 8) & (ZONES.face > 0.5)
     assert hidden[own & brim & ~brow].mean() > 0.9
     assert hidden[own & brow & (ROW < 110)].mean() > 0.9
     assert hidden[own & ~brim].max() < 0.1
-    assert in_the_dark(CHART, seen(TONE * np.full((COUNT, 1), 0.1, np.float32)), parts(), ZONES)[own].mean() < 0.3
+    assert black[own & brim].mean() > 0.9 and black[own & ~brim].max() < 0.1
+    assert in_the_dark(CHART, seen(TONE * np.full((COUNT, 1), 0.1, np.float32)), parts(), ZONES)[0][own].mean() < 0.3
     for colour in ((0, 0, 0), (0.5, 0.3, 0)):
         flat = replace(seen(shaded), colour=np.full((COUNT, 3), colour, np.float32))
         found = in_the_dark(CHART, flat, parts(), ZONES)
         assert np.isfinite(found).all(), "a face without light, or without any in one colour: its medians divide"
 
 
-def test_the_shadow_of_a_hat_is_taken_off_as_the_head_wears_none() -> None:
-    """It stayed, and was continued over the forehead that the hat hides: a black smear up to the hairline."""
-    hat, brim = ROW < 110, ROW < 150
-    own = ZONES.skin & (ZONES.hidden < 0.1) & (ZONES.face > 0.5) & ~hat
-    shadow = np.where(brim, 0.5, 1).astype(np.float32)[:, None]  # coded: a fifth of the light
-    worn = parts(**{f"p{HAT}": hat.astype(np.float32)})
-    shaded = own & brim & (np.abs(ROW - 150) > 12)
-    colour, lost = out_of_shadow(CHART, seen(TONE * shadow), worn, ZONES)
-    assert np.abs(np.median(colour[shaded], 0) - TONE).max() < 0.05
-    assert lost[shaded].max() < 0.01
-    lit = own & (ROW > 175)
-    photo = seen(TONE * shadow)
-    assert np.array_equal(out_of_shadow(CHART, photo, worn, ZONES)[0][lit], photo.colour[lit])
-    assert out_of_shadow(CHART, photo, parts(), ZONES)[0] is photo.colour, "without a hat a shadow is the head's own"
-    few = np.zeros(COUNT, np.float32)
-    few[np.flatnonzero(own & (ROW < 125))[:200]] = 0.51
-    found = out_of_shadow(CHART, photo, parts(**{f"p{HAT}": few}), ZONES)[0]
-    assert found is photo.colour, "two doubtful texels of a fringe bleached a woman's brows"
-
-
-@pytest.mark.parametrize("level", [0.0, 1.0])
-def test_what_a_hat_leaves_without_light_is_lost_and_finite(level: float) -> None:
-    """Logarithms and ratios of black skin, below a brim or everywhere, divide by nothing."""
-    hat = ROW < 110
-    own = ZONES.skin & (ZONES.hidden < 0.1) & (ZONES.face > 0.5) & ~hat
-    black = np.where((ROW < 150)[:, None], 0, level * TONE).astype(np.float32)
-    photo = replace(seen(black), colour=black)
-    with np.errstate(divide="raise", invalid="raise"):
-        colour, lost = out_of_shadow(CHART, photo, parts(**{f"p{HAT}": hat.astype(np.float32)}), ZONES)
-    assert np.isfinite(colour).all() and np.isfinite(lost).all()
-    assert (colour.min() >= 0) and (colour.max() <= 1)
-    deep = own & (ROW < 135)
-    assert lost[deep].mean() > 0.9 if level else lost.max() == 0
+def test_what_has_no_light_left_is_told_from_what_a_colour_lacks() -> None:
+    """Coloured light is the photo's and stays in the texture; black skin is noise. Black hair is hair, not shade."""
+    half, own = ROW < 120, ZONES.skin & (ZONES.hidden < 0.1) & (np.abs(ROW - 120) > 8) & (ZONES.face > 0.5)
+    for shade, gone in (((0.1, 0.1, 0.1), True), ((0.6, 0.1, 0.01), False), ((0.4, 0.4, 0.4), False)):
+        photo = seen(np.where(half[:, None], TONE * np.array(shade), TONE).astype(np.float32))
+        black = in_the_dark(CHART, photo, parts(), ZONES)[1]
+        assert (black[own & half].mean() > 0.9) if gone else (black.max() < 0.05)
+        hair = in_the_dark(CHART, photo, parts(**{f"p{HAIR}": half.astype(np.float32)}), ZONES)[1]
+        assert hair[own].max() < 0.05

@@ -61,3 +61,16 @@ def test_skin_that_is_hidden_beside_brows_is_not_dark() -> None:
     told = complete_skin(LIPS_CHART, colour, seen, PLAIN, None, 1 - dark.astype(np.float32)).colour
     smeared = complete_skin(LIPS_CHART, colour, seen, PLAIN, None).colour
     assert np.abs(told[above & skin] - PLAIN).max() < 0.03 < np.abs(smeared[above & skin] - PLAIN).max()
+
+
+def test_skin_that_a_hat_hides_is_as_the_face_is_and_not_as_dark_as_its_shadow() -> None:
+    """The shadow below the brim was continued over the forehead: a black smear from the eyes to the crown."""
+    brim = int(0.29 * LIPS_CHART.height)
+    worn = (brim > ROWS).astype(np.float32)
+    shaded = (brim <= ROWS) & (brim + 12 > ROWS)
+    colour = np.where(shaded[:, None], 0.2 * PLAIN, PLAIN).astype(np.float32)
+    hidden = (brim - 10 > ROWS) & (LIPS_CHART.inner_part == HEAD.part_names.index("skin"))
+    given = LIPS_CHART, colour, 1 - worn, PLAIN, None
+    told, smeared = (complete_skin(*given, worn=by).colour[hidden] for by in (worn, 0.0))
+    assert np.abs(told - PLAIN).mean() < 0.02
+    assert np.abs(smeared - PLAIN).mean() > 0.15
