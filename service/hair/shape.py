@@ -11,13 +11,14 @@ import dataclasses
 import cv2
 import numpy as np
 
-from service.arrays import Bool, Float32, Float64
+from service.arrays import Bool, Float32
 from service.geometry.mesh import unit
 from service.geometry.nearest import Nearest
 from service.hair.groom import Groom, make_groom
 from service.hair.guides import CLEARANCE_M, DOWN, Combing, bridge, met, recedes, resampled
+from service.hair.outline import to_outline
 from service.hair.reading import CELLS
-from service.hair.scalp import CENTRE, CROWN, Scalp, length_of
+from service.hair.scalp import CROWN, Scalp, length_of
 from service.hair.sight import Sight
 from service.hair.style import Style
 from service.image_filters import blurred
@@ -51,117 +52,6 @@ def photo_combing(sight: Sight) -> Combing:
     return wish
 
 
-# --- Outline and ends -------------------------------------------------------------------------------------------------
-
-RAYS = 72
-"""Directions in the picture, from the middle of the head, in which outlines are compared."""
-SMOOTH_RAYS, BESIDE_RAYS, UNTOLD = 1.6, 8.0, 0.3
-"""Standard deviation, in rays, of the smoothing of their difference, and of that for rays of which the photo tells
-nothing; rays that weigh as much as none."""
-FARTHEST_M = (0.03, 0.045)
-"""How far the outline is moved at most, inwards and outwards."""
-INWARDS = 0.8
-"""Share of its distance from the skin by which a strand comes nearer at most."""
-STANDS = 0.5
-"""Share of its length by which a strand is moved outwards at most."""
-SIDEWAYS_DEG = (140.0, 165.0)
-"""Angle from upwards up to which outlines are matched, and from which on not at all: below lies the neck."""
-
-
-def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
-    """Strands (N, P, 3) moved along the rays from the middle of the head to the outline of the photo's hair."""
-    mask = sight.drawn(strands).mask
-    frame = _rays(sight)
-    if frame is None or not len(strands):
-        return strands
-    centre, upwards, scale, cells_per_m = frame
-    difference, reach = _differences(centre, upwards, scale, mask, sight)
-    if not difference.any():
-        return strands
-    at, depth = sight.project(strands)
-    away = at - centre
-    length = np.linalg.norm(away, axis=-1)
-    turn = np.mod(np.arctan2(away[..., 1], away[..., 0]) - upwards, 2 * np.pi) / (2 * np.pi) * RAYS
-    own, outer = (np.interp(turn, np.arange(RAYS + 1), np.append(row, row[0])) for row in (difference, reach))
-    share = np.clip(length / np.maximum(outer, 1e-6), 0, 1.1) ** 2
-    # Roots stay on the skin; hair that is off it moves.
-    height = np.maximum(skin.outside(strands), 0)
-    loose = np.clip(height / 0.006, 0, 1)
-    # A head that was fitted larger than the photo's would swallow its hair.
-    # What stands farther off the head than it is long would be a spike.
-    gone = np.linspace(0, 1, strands.shape[1]) * length_of(strands)[:, None]
-    own = np.clip(own, -INWARDS * height * scale, STANDS * gone * scale)
-    direction = away / np.maximum(length, 1e-6)[..., None]
-    flat = np.einsum("npk,ck->npc", direction * (own * share * loose)[..., None], np.linalg.inv(cells_per_m))
-    # What a photo from the front does not tell, the back of the head, is as full as the sides.
-    top = np.abs(np.mod(np.arange(RAYS) * (360 / RAYS) + 180, 360) - 180) < TOP_DEG
-    deep = depth - sight.project(CENTRE)[1]
-    low = smoothstep(strands[..., 1], -0.11, 0.02)
-    behind = np.clip(deep / 0.1, 0, 1) ** 2 * loose * low * float(difference[top].mean()) / scale
-    offset = np.einsum("npk,kc->npc", np.concatenate([flat, behind[..., None]], -1), sight.camera.rotation)
-    return np.asarray(strands + offset, np.float32)
-
-
-def _rays(sight: Sight) -> tuple[Float64, float, float, Float64] | None:
-    """Middle of the head in cells, the angle of upwards, cells a metre, and the same of both axes of the camera."""
-
-    def at(point: Float64) -> Float64:
-        return np.asarray(sight.project(point[None])[0][0], np.float64)
-
-    middle = CENTRE.astype(np.float64)
-    centre = at(middle)
-    cells_per_m = np.stack([(at(middle + 0.01 * axis) - centre) / 0.01 for axis in sight.camera.rotation[:2]], 1)
-    area = abs(float(np.linalg.det(cells_per_m)))
-    if not area > 1e-6:
-        return None
-    up = at(middle + np.array([0.0, 0.05, 0.0])) - centre
-    return centre, float(np.arctan2(up[1], up[0])), float(np.sqrt(area)), cells_per_m
-
-
-def _reaches(
-    centre: Float64, upwards: float, scale: float, mask: Float32, sight: Sight
-) -> tuple[Float64, Float64, Float64]:
-    """(RAYS,) cells up to which the photo's hair and a silhouette reach, and how far the two can be compared."""
-    radii = np.arange(1.0, 0.26 * scale, 0.5)
-    angles = upwards + np.arange(RAYS) * 2 * np.pi / RAYS
-    x, y = (centre[k] + np.outer(way, radii) for k, way in enumerate((np.cos(angles), np.sin(angles))))
-    inside = (x >= 0) & (y >= 0) & (x < CELLS) & (y < CELLS)
-    at = np.clip(y, 0, CELLS - 1).astype(int), np.clip(x, 0, CELLS - 1).astype(int)
-    hair, style = (sight.hair[at] > 0.5) & inside, (mask[at] > 0.5) & inside
-    ends = [np.where(one.any(1), radii[one.shape[1] - 1 - np.argmax(one[:, ::-1], 1)], 0.0) for one in (hair, style)]
-    # Hair that goes on beyond the photo, or behind something, does not tell where it ends.
-    beyond, rows = np.minimum(np.searchsorted(radii, ends[0] + 2.0), len(radii) - 1), np.arange(RAYS)
-    sure = (sight.known[at] > 0.5)[rows, beyond] & inside[rows, beyond]
-    trust = sure * (ends[0] > 0) * (ends[1] > 0) * _sideways(rows)
-    return ends[0], ends[1], np.asarray(trust, np.float64)
-
-
-def _differences(centre: Float64, upwards: float, scale: float, mask: Float32, sight: Sight) -> tuple[Float64, Float64]:
-    """(RAYS,) cells by which the photo's hair reaches beyond the groom's, smoothed, and how far the groom's reaches."""
-    hair, style, trust = _reaches(centre, upwards, scale, mask, sight)
-    difference = np.clip(hair - style, -FARTHEST_M[0] * scale, FARTHEST_M[1] * scale)
-    rows = np.arange(RAYS)
-    apart = np.minimum(rows, RAYS - rows)
-
-    def smoothed(rays: float, untold: Float64) -> Float64:
-        kernel = np.fft.rfft(np.exp(-0.5 * (apart / rays) ** 2))
-        summed, weight = (np.fft.irfft(np.fft.rfft(row) * kernel, RAYS) for row in (trust * difference, trust))
-        return np.asarray((summed + UNTOLD * untold) / (np.maximum(weight, 0) + UNTOLD))
-
-    # What the photo's edge cuts off comes in as the outline beside it does: sides alone that did would leave a cone.
-    inwards = np.minimum(smoothed(BESIDE_RAYS, np.zeros(RAYS)), 0)
-    beside = np.where(apart * (360 / RAYS) < TOP_DEG, inwards, 0.0)
-    return smoothed(SMOOTH_RAYS, beside), np.maximum(style, 1.0)
-
-
-def _sideways(rays: np.ndarray) -> Float64:
-    """Weight of a ray by its angle from upwards."""
-    angle = np.abs(np.mod(rays * (360.0 / RAYS) + 180.0, 360.0) - 180.0)
-    return np.asarray(np.clip((SIDEWAYS_DEG[1] - angle) / (SIDEWAYS_DEG[1] - SIDEWAYS_DEG[0]), 0, 1))
-
-
-TOP_DEG = 100.0
-"""Angle from upwards up to which the outline is that of the skull's hair: the back is as full as it is there."""
 FRINGED = 0.04
 """Value of the head's soft mask of the scalp from which on hair may grow where the photo shows it."""
 BRIDGED = 0.5
@@ -189,6 +79,46 @@ def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generato
     roots = more.chosen(wanted)
     like = like[wanted]
     return groom.joined(roots.position[:, None] - groom.strands[like, :1] + groom.strands[like], roots.uv, like)
+
+
+ASIDE_CELLS = 14.0
+"""Most by which a strand is led aside from skin: 55 mm."""
+ASIDE_SMOOTH, ROOTED = 1.5, 3.0
+"""Standard deviation, in points of a strand, of the smoothing of its way aside, and points from its root on to
+the first that is led in full."""
+
+
+def led_aside(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
+    """Strands (N, P, 3) that would cross skin which the photo shows, led along the edge of its hair instead.
+
+    Hair that parts over a forehead runs beside it; cut where it meets the skin, it would leave a saw.
+    """
+    from scipy.ndimage import distance_transform_edt, gaussian_filter1d
+
+    hair = np.asarray(sight.hair > 0.5, np.uint8)
+    inner = cv2.erode(hair, np.ones((3, 3), np.uint8))
+    if not inner.any():
+        return strands
+    apart, nearest = distance_transform_edt(inner == 0, return_indices=True)
+    at, depth = sight.project(strands)
+    (rows, columns), seen = sight.visible(at, depth)
+    crosses = seen & (apart[rows, columns] < ASIDE_CELLS) & np.isfinite(sight.behind[rows, columns])
+    crosses &= blurred(sight.bare, 0.7)[rows, columns] > BARE
+    crosses[:, 0] = False
+    some = crosses.any(1)
+    if not some.any():
+        return strands
+    rows, columns, at, depth, crosses = (each[some] for each in (rows, columns, at, depth, crosses))
+    wished = np.stack([nearest[1][rows, columns], nearest[0][rows, columns]], -1) + 0.5
+    weight = crosses[..., None].astype(np.float32)
+    summed = np.concatenate([weight * (wished - at), weight], -1)
+    smooth = gaussian_filter1d(summed, ASIDE_SMOOTH, axis=1, mode="nearest")
+    leaves = np.clip(np.arange(strands.shape[1]) / ROOTED, 0, 1)[:, None]
+    shift = leaves * smooth[..., :2] / np.maximum(smooth[..., 2:], 0.5)
+    pieces = sight.placed((at + shift).reshape(-1, 2), depth.reshape(-1)).reshape(*depth.shape, 3)
+    made = strands.copy()
+    made[some, 1:] = skin.pushed(np.asarray(pieces[:, 1:], np.float32), CLEARANCE_M)
+    return made
 
 
 BARE = 0.5
@@ -230,8 +160,12 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     height = np.where(shown, height, np.minimum(height, strands[:, 0, 1] - NAPE_LEFT_M))
     beyond |= (strands[..., 1] < height[:, None]) & (strands[..., 1] < HANGS_BELOW_M)
     cut = beyond.any(1)
-    first = np.where(cut, beyond.argmax(1), points - 1)
-    share = first / (points - 1)
+    # By length: strands that were moved have their points farther apart in some places than in others.
+    steps = np.linalg.norm(np.diff(strands, axis=1), axis=2)
+    gone = np.concatenate([np.zeros((len(strands), 1)), np.cumsum(steps, 1)], 1)
+    first, row = beyond.argmax(1), np.arange(len(strands))
+    end = np.where(cut, 0.5 * (gone[row, first] + gone[row, np.maximum(first - 1, 0)]), gone[:, -1])
+    share = end / np.maximum(gone[:, -1], 1e-9)
     uneven = np.where(cut, rng.uniform(0.94, 1.0, len(strands)), 1.0)
     kept = (share >= LEAST_LEFT) | ~cut
     made = resampled(strands, np.asarray(np.clip(share * uneven, 0.05, 1), np.float32), points)
@@ -307,16 +241,13 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     cells, near, deep, face = cells[reached], near[reached], deep[reached], face[reached]
     strand, place = some[near // len(places)], places[near % len(places)]
     wanted = np.where(np.isfinite(face), face - rng.uniform(*OFF_M, len(cells)), deep)
-    # The cell's ray, at this depth, in the head's frame.
-    camera = sight.camera
-    pixel = sight.region.to_photo(cells, CELLS)
-    ray = np.concatenate([(pixel - camera.principal_point) / camera.focal_px, np.ones((len(cells), 1))], 1)
-    target = (ray * wanted[:, None] - camera.translation) @ camera.rotation
-    shift = target - strands[strand, place]
+    shift = sight.placed(cells, wanted) - strands[strand, place]
     share = np.clip(np.arange(points)[None] / np.maximum(place, 1)[:, None], 0, 1)
     bent = strands[strand] + (share**1.5)[..., None] * shift[:, None]
-    # It ends a little beyond the cell: the rest of a tail, say, would hang anywhere.
+    # It ends a little beyond the cell: the rest of a tail, say, would hang anywhere. Loose hair would be a tuft there.
     ends = np.clip(place / (points - 1) * rng.uniform(1.0, 1.2, len(place)), 0, 1).astype(np.float32)
+    if groom.style.gather == "none":
+        ends = np.ones_like(ends)
     bent = resampled(bent.astype(np.float32), ends, points)
     bent = np.concatenate([bent[:, :1], skin.pushed(bent[:, 1:], 0.0015)], 1)
     # Nor is hair combed over a bald head; by its root, as a strand may have been bent before.
@@ -408,7 +339,7 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     groom = dataclasses.replace(groom, strands=moved)
     for _ in range(FILLINGS):
         groom = filled(groom, sight, skin, rng)
-    moved, kept = trimmed(groom.strands, sight, skin, rng)
+    moved, kept = trimmed(led_aside(groom.strands, sight, skin), sight, skin, rng)
     kept |= ~np.asarray(sight.read(blurred(sight.bare, 0.7), moved[:, 0])[0] > BARE)  # not on bare skin
     moved = np.concatenate([moved[:, :1], skin.over_ears.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)

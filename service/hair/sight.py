@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from service.arrays import AnyFloat, Bool, Float32, Int64
+from service.arrays import AnyFloat, Bool, Float32, Float64, Int64
 from service.face.fit.fit import Fit
 from service.face.region import Region
 from service.geometry.camera import NEAREST_M, Camera
@@ -132,6 +132,13 @@ class Sight:
         across, down, depth = (row[0] * x + row[1] * y + row[2] * z + row[3] for row in rows)
         near = np.maximum(depth, np.float32(NEAREST_M))
         return np.stack([across / near, down / near], -1), np.asarray(depth, np.float32)
+
+    def placed(self, cells: AnyFloat, depth: AnyFloat) -> Float64:
+        """Points (N, 3) metres in the head's frame that are seen in cells (N, 2) at depths (N,): undoes ``project``."""
+        camera = self.camera
+        pixel = self.region.to_photo(cells, CELLS)
+        ray = np.concatenate([(pixel - camera.principal_point) / camera.focal_px, np.ones((len(pixel), 1))], 1)
+        return np.asarray((ray * depth[:, None] - camera.translation) @ camera.rotation, np.float64)
 
     def hanging(self, reading: HairReading) -> HairReading:
         """The reading with lengths unlikely, and ends no higher, than what its own mask shows to hang below the nape.

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from service.arrays import Float32
 from service.colour import linear_to_srgb, luma
 from service.errors import ModelFault, UsageError
 from service.face.region import Region
@@ -19,16 +20,17 @@ from service.hair.colour import COLOURS, KNOTS, SHINE, as_absorbed, asked_colour
 from service.hair.find_hair import Tried, candidates, choose, grow_hair, painted, see_hair
 from service.hair.groom import make_groom
 from service.hair.kinds import LENGTHS
+from service.hair.outline import to_outline
 from service.hair.reading import CELLS
 from service.hair.scalp import CENTRE, Scalp
 from service.hair.shape import (
     filled,
     fitted,
+    led_aside,
     one_plait,
     seen_share,
     seen_thinning,
     to_hairline,
-    to_outline,
     trimmed,
     upright,
 )  # fmt: skip
@@ -221,6 +223,38 @@ def picture_of(colour: np.ndarray, shade: np.ndarray | float = 1.0) -> Photo:
     return Photo(np.rint(255 * linear_to_srgb(linear.astype(np.float32))).astype(np.uint8), None, "ab" * 32)
 
 
+def test_strands_are_cut_by_their_length_not_by_their_points() -> None:
+    """Strands whose points lie closer at the root, as those that were moved: cut by points, they hung over the face."""
+    sight = photographed(NAMED["bob"], 3, HEAD).sight
+    eyes = int(sight.project(np.array([[0.0, 0.0, 0.2]]))[0][0, 1])
+    hair = np.repeat((np.arange(CELLS) < eyes)[:, None], CELLS, 1).astype(np.float32)
+    above = dataclasses.replace(sight, hair=hair, known=np.ones_like(hair), behind=np.full_like(hair, np.inf))
+    share = np.linspace(0, 1, 32) ** 2
+    line = np.array([0.0, 0.1, 0.2]) + share[:, None] * np.array([0.0, -0.2, 0.0])
+    made, kept = trimmed(np.repeat(line[None], 40, 0).astype(np.float32), above, SKIN, np.random.default_rng(0))
+    assert kept.all()
+    np.testing.assert_allclose(made[:, -1, 1], 0.0, atol=0.012)
+
+
+def test_strands_that_would_cross_the_face_run_along_its_hairline() -> None:
+    """Loose hair combed over a forehead that the photo shows bare: it flows beside it, none is left across it."""
+    seen = photographed(NAMED["bob"], 3, HEAD)
+    combed = dataclasses.replace(NAMED["bob"], parting="none", combing="forward")
+    over = photographed(combed, 3, HEAD).groom.strands
+    led = led_aside(over, seen.sight, SKIN)
+
+    def crossing(strands: Float32) -> float:
+        bare, shown = seen.sight.read(seen.sight.bare, strands)
+        return float(((bare > 0.9) & shown).mean())
+
+    assert crossing(over) > 0.005 and crossing(led) < 0.4 * crossing(over)
+    np.testing.assert_array_equal(led[:, 0], over[:, 0])
+    assert np.isfinite(led).all() and (SKIN.outside(led[:, 2:]) < -0.003).mean() < 0.02
+    bald = dataclasses.replace(seen.sight, hair=np.zeros_like(seen.sight.hair))
+    np.testing.assert_array_equal(led_aside(over, bald, SKIN), over)  # no hair to lead it to
+    assert not len(led_aside(over[:0], seen.sight, SKIN))
+
+
 @pytest.mark.parametrize("name", ["brown", "blond", "red"])
 def test_the_photos_colour_is_taken_without_its_light(name: str) -> None:
     seen = photographed(NAMED["bob"], 3, HEAD)
@@ -405,7 +439,8 @@ def test_what_is_uncovered_gets_strands_and_no_more() -> None:
     short = photographed(NAMED["bob"], 3, HEAD).groom
     made = filled(short, seen.sight, SKIN, np.random.default_rng(0))
     before, after = (
-        overlap(seen.sight.hair, seen.sight.drawn(one.strands).mask, seen.sight.known) for one in (short, made)
+        overlap(seen.sight.hair, seen.sight.drawn(one[kept]).mask, seen.sight.known)
+        for one, kept in (trimmed(each.strands, seen.sight, SKIN, np.random.default_rng(0)) for each in (short, made))
     )
     assert len(made) > len(short) and after > before + 0.02
     assert (SKIN.outside(made.strands[len(short) :, 2:]) < -0.003).mean() < 0.02

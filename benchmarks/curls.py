@@ -1,0 +1,64 @@
+"""Curls by how strands beside each other run: ``python -m benchmarks.curls SHARDS [--write docs/hair.md]``.
+
+Drawn people whose grooms the reader was never taught (``python -m models.people --framing hair --count 224 --size 448
+--out SHARDS``): how much the strands of each kind of curl agree, which is what ``service.hair.reading`` knows of curls
+beside its network, and how often the likeliest curl is right with and without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from models.people.shards import UNKNOWN
+from models.tables import tell
+from models.training.hair_data import CURL, LENGTH, crop_of_person, read_people
+from service.hair.kinds import CURLS, KINDS, LENGTHS
+from service.hair.reading import CELLS, FINE, SIDE, HairNetwork, agreement, with_curls
+
+MARK = ("<!-- curls -->", "<!-- /curls -->")
+Told = tuple[str, float, str, str]
+"""The true curl, the agreement, and the likeliest curl without it and with it."""
+
+
+def measured(folder: Path) -> Iterator[Told]:
+    """What is told of each person of shards whose hair hangs to the jaw or lower, and of whom enough is seen."""
+    network, gathered = HairNetwork(), list(KINDS).index("gathered")
+    for path in sorted(folder.glob("*.npz")):
+        people = read_people(path)
+        for i, kinds in enumerate(people["kinds"]):
+            hangs = kinds[LENGTH] != UNKNOWN and kinds[LENGTH] >= LENGTHS.index("jaw")
+            if not hangs or kinds[gathered] != 0 or kinds[CURL] == UNKNOWN:
+                continue
+            region, picture = crop_of_person(people, i, None)
+            said = network(region.cut(picture, SIDE))
+            agrees = agreement(region.cut(picture, FINE * CELLS), said.mask > 0.7)
+            if agrees is None:
+                continue
+            plain, both = said.kinds["curl"], with_curls(said.kinds, agrees)["curl"]
+            yield CURLS[kinds[CURL]], agrees, max(plain, key=lambda c: plain[c]), max(both, key=lambda c: both[c])
+
+
+def main(
+    shards: Annotated[Path, typer.Argument(help="Folder of drawn people.")],
+    write: Annotated[Path | None, typer.Option(help="Page to write the table into.")] = None,
+) -> None:
+    """Print a table by curl."""
+    rows = list(measured(shards))
+    lines = ["| curl | people | agreement | network right | with the agreement |", "|---|---|---|---|---|"]
+    for curl in (*CURLS, "all"):
+        of = [row for row in rows if curl in (row[0], "all")]
+        if of:
+            agrees = np.array([row[1] for row in of])
+            right = [100 * np.mean([row[k] == row[0] for row in of]) for k in (2, 3)]
+            told = f"{agrees.mean():.2f} +- {agrees.std():.2f}"
+            lines.append(f"| {curl} | {len(of)} | {told} | {right[0]:.0f} % | {right[1]:.0f} % |")
+    tell("\n".join(lines), MARK, write)
+
+
+if __name__ == "__main__":
+    typer.run(main)
