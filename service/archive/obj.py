@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -72,7 +73,7 @@ def parts_obj_bytes(parts: Sequence[MeshPart], title: str) -> bytes:
     for part, (chart, place), normal in zip(parts, charts, normals, strict=True):
         columns = [part.polygons + before[0], place[part.polygons_uv] + before[1]]
         columns += [] if normal is None else [normal[1][part.polygons] + before[2]]
-        faces += [_begin(part.name, part.material.name), _faces(part.polygons, columns)]
+        faces += [_begin(part.name, part.material.name), *_faces(part.polygons, columns)]
         before += [len(part.vertices), len(chart), 0 if normal is None else len(normal[0])]
     directions = [rows for rows, _ in filter(None, normals)]
     count = sum(len(part.faces) for part in parts)
@@ -102,13 +103,23 @@ def _text(
     blocks = [_HEADER.format(title=title, vertices=sum(map(len, points)), polygons=polygons)]
     for kind, several in (("v", points), ("vt", charts), ("vn", normals)):
         number = f" %.{digits[kind]}f"
-        blocks += [_lines(f"{kind}{number * rows.shape[1]}\n", rows) for rows in several]
+        for rows in several:
+            blocks += _lines(f"{kind}{number * rows.shape[1]}\n", rows)
     return "".join([*blocks, *faces]).encode("ascii")
 
 
-def _lines(pattern: str, rows: AnyFloat) -> str:
-    values = np.asarray(rows, np.float64) + 0.0  # -0.0 becomes 0.0
-    return (pattern * len(values)) % tuple(values.ravel().tolist())
+def _lines(pattern: str, rows: AnyFloat) -> Iterator[str]:
+    for some in _blocks(rows):
+        values = np.asarray(some, np.float64) + 0.0  # -0.0 becomes 0.0
+        yield (pattern * len(values)) % tuple(values.ravel().tolist())
+
+
+Rows = TypeVar("Rows", AnyFloat, AnyInt)
+
+
+def _blocks(rows: Rows) -> Iterator[Rows]:
+    """Rows, some at a time: as Python numbers they take ten times the memory."""
+    return (rows[first : first + 16384] for first in range(0, len(rows), 16384))
 
 
 def _own_faces(head: HeadModel) -> Iterator[str]:
@@ -117,25 +128,26 @@ def _own_faces(head: HeadModel) -> Iterator[str]:
         if chosen.any():
             yield _begin(name, material_of(name).name)
             own = head.polygons[chosen]
-            yield _faces(own, [own, head.polygon_uv[chosen], own])
+            yield from _faces(own, [own, head.polygon_uv[chosen], own])
 
 
 def _begin(name: str, material: str) -> str:
     return f"o {name}\ng {name}\nusemtl {material}\ns 1\n"
 
 
-def _faces(polygons: Int32, columns: Sequence[AnyInt]) -> str:
+def _faces(polygons: Int32, columns: Sequence[AnyInt]) -> Iterator[str]:
     """Lines ``f v/vt/vn ...`` or ``f v/vt ...`` in the order given.
 
     Args:
         polygons: (Q, 4), -1 in the last column marks a triangle.
         columns: (Q, 4) each: vertices, places on the chart and, where there are any, normals, counted from 0.
     """
-    corners = np.stack(columns, 2).astype(np.int64) + 1
-    present = np.repeat(polygons >= 0, corners.shape[2], axis=1)
-    corner = "/".join(["%d"] * corners.shape[2])
-    patterns = np.where(polygons[:, 3] < 0, f"f {' '.join([corner] * 3)}\n", f"f {' '.join([corner] * 4)}\n")
-    return "".join(patterns.tolist()) % tuple(corners.reshape(len(polygons), -1)[present].tolist())
+    corner = "/".join(["%d"] * len(columns))
+    triangle, quad = (f"f {' '.join([corner] * count)}\n" for count in (3, 4))
+    for some in _blocks(np.stack([polygons, *columns], 2)):
+        present = some[..., 0] >= 0
+        patterns = np.where(present[:, 3], quad, triangle)
+        yield "".join(patterns.tolist()) % tuple((some[present, 1:] + 1).ravel().tolist())
 
 
 LEVEL = 0.5

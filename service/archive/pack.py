@@ -105,7 +105,16 @@ def _meshes(
     head, fit, made = avatar.head, avatar.fit, avatar.reflectance
     title, parts = _title(avatar), shapes.drawn
     materials = [part.material for part in parts]
-    files = {
+    fine_wanted = LEVELS[avatar.options.get("quality", "standard")].fine_mesh
+    fine_wanted &= "displacement" in (avatar.options.get("maps") or ("displacement",))
+    files = {}
+    if fine_wanted and made is not None and made.displacement is not None:
+        # First: it takes much memory for a moment, and the maps' PNGs, made meanwhile, take as much until the end.
+        fine, smooth = subdivided_head(head, fit.vertices)
+        embossed = displaced(fine, smooth, made.displacement)
+        files["mesh/head_fine.obj"] = obj_bytes(fine, embossed, f"{title}, subdivided and displaced")
+        del fine, smooth, embossed
+    files |= {
         "mesh/head.obj": shapes.head,
         **({"mesh/parts.obj": shapes.parts} if avatar.parts else {}),
         "mesh/head.mtl": mtl_bytes([*map(material_of, head.part_names), *materials], maps),
@@ -121,12 +130,6 @@ def _meshes(
             own=drawn.result().textures,
         ),
     }
-    fine_wanted = LEVELS[avatar.options.get("quality", "standard")].fine_mesh
-    fine_wanted &= "displacement" in (avatar.options.get("maps") or ("displacement",))
-    if fine_wanted and made is not None and made.displacement is not None:
-        fine, smooth = subdivided_head(head, fit.vertices)
-        embossed = displaced(fine, smooth, made.displacement)
-        files["mesh/head_fine.obj"] = obj_bytes(fine, embossed, f"{title}, subdivided and displaced")
     groom = None if avatar.hair is None else avatar.hair.groom
     if groom is not None and len(groom) and fine_wanted:
         files["mesh/hair.usda"] = curves_bytes(groom, f"{title}, hair")
