@@ -12,10 +12,9 @@ from torch import nn
 from models.networks.coarse_to_fine import CoarseToFineSize
 from models.networks.context import ContextNet, ContextSize
 from models.networks.rcan import RcanBody, RcanSize, RcanTail
-from models.networks.stages import BodySize, Delta, DeltaBlind, Psi, Rho, Sigma
+from models.networks.stages import BodySize, Delta, DeltaBlind, Psi, Rho, Sigma, planes_of
 from models.networks.translator import TranslatorSize
 from service.errors import UsageError
-from service.runtime.network_registry import planes_of
 
 NETWORKS = ("zeta", "delta_context", "delta", "delta_blind", "psi", "rho", "sigma")
 CONTEXT_CHANNELS, _ = planes_of("delta_context")

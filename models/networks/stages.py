@@ -13,7 +13,17 @@ from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize
 from models.networks.context import DARKEST
 from models.networks.translator import Translator, TranslatorSize
 from service.colour import LUMA
-from service.runtime.network_registry import CONTEXT, DEPTH, MASK, TEXTURE, planes_of
+from service.runtime.network_registry import CONTEXT, DEPTH, MASK, REGISTRY, TEXTURE
+
+
+def planes_of(name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the planes that a network takes, and of those that it gives.
+
+    Raises:
+        StopIteration: there is no network of that name.
+    """
+    return next((one.channels, one.outputs) for one in REGISTRY if one.name == name)
+
 
 WINDOW = 17
 """Texels (odd) over which the mean is taken that detail is measured from: about 1.2 mm."""

@@ -15,8 +15,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-import httpx
-
 from service.client.download import Download
 from service.client.errors import (
     JobCancelled,
@@ -27,7 +25,7 @@ from service.client.errors import (
     WaitTimedOut,
     failure,
 )
-from service.client.transport import AGAIN, Transport, read_json, read_picture
+from service.client.transport import AGAIN, Transport
 from service.errors import AvatarError, UsageError
 from service.photo.video import is_video
 
@@ -169,8 +167,8 @@ class Client:
                 yield {"files": [("options", (None, wanted, "application/json")), *images]}
 
         # 409: an earlier attempt with this key, whose answer was lost, is still being taken in.
-        path = "/v1/avatars"
-        return Job.parse(self._transport.ask("POST", path, read_json, body=body, again={*AGAIN, 409}, headers=headers))
+        again = {*AGAIN, 409}
+        return Job.parse(self._transport.ask("POST", "/v1/avatars", body=body, again=again, headers=headers))
 
     def state(self, job_id: str) -> Job:
         """What the server says of a job now.
@@ -179,7 +177,7 @@ class Client:
             NoSuchJob, JobExpired: it is not there, or not any more.
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
-        return Job.parse(self._transport.ask("GET", _path(job_id), read_json))
+        return Job.parse(self._transport.ask("GET", _path(job_id)))
 
     def follow(self, job_id: str, *, timeout_s: float | None = None) -> Iterator[Job]:
         """What the server says of a job, asked again and again until it has ended.
@@ -192,12 +190,9 @@ class Client:
             WaitTimedOut: the time is over; the job goes on.
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
-        return self._followed(_path(job_id), timeout_s)
-
-    def _followed(self, path: str, timeout_s: float | None = None) -> Iterator[Job]:
         end, (pause, longest) = math.inf if timeout_s is None else time.monotonic() + timeout_s, _ASK_EVERY_S
         while True:
-            job = Job.parse(self._transport.ask("GET", path, read_json))
+            job = self.state(job_id)
             yield job
             left = end - time.monotonic()
             if job.ended:
@@ -261,43 +256,7 @@ class Client:
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
         with contextlib.suppress(NoSuchJob, JobExpired):
-            self._transport.ask("DELETE", _path(job_id), read_json)
-
-    def render(self, job_id: str, scene: Mapping[str, Any] | None = None, **options: Any) -> bytes:
-        """A PNG of a finished avatar under a scene, however long the server takes for it.
-
-        Args:
-            job_id: the job that made it.
-            scene: JSON values of a scene, see ``docs/render.md``; None for a studio.
-            options: ``size`` [width, height], ``view``, ``background``, ``samples``, ``tolerance``.
-
-        Raises:
-            UsageError: the scene or an option is not possible; names it.
-            NoSuchJob, JobExpired, Conflict: there is no such avatar, or not any more, or not yet.
-            Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
-        """
-        _path(job_id)
-        wanted = canonical({"avatar": job_id, **({} if scene is None else {"scene": scene}), **options}).encode()
-
-        def read(response: httpx.Response) -> bytes | Job:
-            return Job.parse(read_json(response)) if response.status_code == 202 else read_picture(response)
-
-        headers = {"Content-Type": "application/json"}
-        made = self._transport.ask("POST", "/v1/renders", read, headers=headers, content=wanted)
-        if isinstance(made, bytes):
-            return made
-        *_, made = self._followed(f"/v1/renders/{made.id}")
-        if (fault := made.fault()) is not None:
-            raise fault
-        return self._transport.ask("GET", f"/v1/renders/{made.id}/picture.png", read_picture)
-
-    def quality(self) -> Mapping[str, Any]:
-        """Levels of quality with the times that the server measured on its machine."""
-        return self._facts("/v1/quality")
-
-    def models(self) -> Mapping[str, Any]:
-        """Networks and head models that the server runs, with sha256 and licence."""
-        return self._facts("/v1/models")
+            self._transport.ask("DELETE", _path(job_id))
 
     def ready(self) -> None:
         """Return where the server takes photos, and takes them with this key.
@@ -307,15 +266,9 @@ class Client:
             AccessDenied: it knows no such key.
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
-        self._transport.ask("GET", "/readyz", read_json)
+        self._transport.ask("GET", "/readyz")
         with contextlib.suppress(NoSuchJob):  # who has no key is told of readiness, but not that a job is not there
-            self._transport.ask("GET", _path("0" * 32), read_json)
-
-    def _facts(self, path: str) -> Mapping[str, Any]:
-        content = self._transport.ask("GET", path, read_json)
-        if not isinstance(content, dict):
-            raise UnexpectedAnswer(f"{path} answered with {type(content).__name__} instead of an object")
-        return content
+            self._transport.ask("GET", _path("0" * 32))
 
 
 def canonical(options: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Requests that are tried again, and what their answers say: JSON, a picture, or the exception for what is refused."""
+"""Requests that are tried again, and what their answers say: JSON, or the exception for what is refused."""
 
 from __future__ import annotations
 
@@ -29,10 +29,8 @@ SILENCE_S = 300.0
 _FIRST_S, _LONGEST_S = 0.5, 30.0
 """Pauses between attempts that the server said nothing about, in seconds: they double from the first to the longest."""
 
-_LARGEST_ANSWER, _LARGEST_PICTURE = 16 << 20, 128 << 20
+_LARGEST_ANSWER = 16 << 20
 """Bytes."""
-
-_PNG = b"\x89PNG\r\n\x1a\n"
 
 Body = Callable[[], contextlib.AbstractContextManager[Mapping[str, Any] | None]]
 """Opens the body of one attempt: further arguments of the request (content, files)."""
@@ -89,33 +87,32 @@ class Transport:
         self.http = httpx.Client(headers=headers, timeout=timeout_s, limits=limits)
 
     def ask(
-        self, method: str, path: str, read: Callable[[httpx.Response], T], *, body: Body = contextlib.nullcontext,
-        again: Collection[int] = AGAIN, **more: Any,
-    ) -> T:  # fmt: skip
-        """What ``read`` makes of the answer to one request.
+        self, method: str, path: str, *, body: Body = contextlib.nullcontext, again: Collection[int] = AGAIN,
+        headers: Mapping[str, str] | None = None,
+    ) -> Any:  # fmt: skip
+        """The JSON of the answer to one request, None for an empty one.
 
         Args:
             method: of HTTP; the request may be sent several times, so it has to be idempotent.
             path: below the address, percent-encoded.
-            read: reads an answer that is a success.
             body: opens the body, once for each attempt.
             again: statuses that are worth another attempt.
-            more: further arguments of ``httpx.Client.stream``.
+            headers: beside those of the client.
 
         Raises:
             ServerUnreachable: no answer after all retries.
-            UnexpectedAnswer: a redirection, or not what ``read`` expects.
+            UnexpectedAnswer: a redirection, or no JSON.
             AvatarError: what a problem object stands for; see ``service.client.errors``.
         """
 
-        def once() -> T:
+        def once() -> Any:
             with (
                 body() as content,
-                self.http.stream(method, self.server + path, **more, **(content or {})) as response,
+                self.http.stream(method, self.server + path, headers=headers, **(content or {})) as response,
             ):
                 if not response.is_success:
                     raise setback(response, again)
-                return read(response)
+                return read_json(response)
 
         return self.retried(once)
 
@@ -196,7 +193,11 @@ def read_json(response: httpx.Response) -> Any:
     Raises:
         UnexpectedAnswer: it is something else, or longer than 16 MiB.
     """
-    data = _content(response, _LARGEST_ANSWER)
+    data = bytearray()
+    for chunk in response.iter_raw():
+        data += chunk
+        if len(data) > _LARGEST_ANSWER:
+            raise UnexpectedAnswer(f"the server's answer is longer than {_LARGEST_ANSWER} bytes")
     if not data:
         return None
     try:
@@ -206,27 +207,6 @@ def read_json(response: httpx.Response) -> Any:
         raise UnexpectedAnswer(
             f"the server answered with {kind} instead of JSON (status {response.status_code}); is it this service?"
         ) from error
-
-
-def read_picture(response: httpx.Response) -> bytes:
-    """A PNG.
-
-    Raises:
-        UnexpectedAnswer: the answer is none, or longer than 128 MiB.
-    """
-    data = _content(response, _LARGEST_PICTURE)
-    if not data.startswith(_PNG):
-        raise UnexpectedAnswer("the server's answer is no PNG; is it this service?")
-    return data
-
-
-def _content(response: httpx.Response, most: int) -> bytes:
-    data = bytearray()
-    for chunk in response.iter_raw():
-        data += chunk
-        if len(data) > most:
-            raise UnexpectedAnswer(f"the server's answer is longer than {most} bytes")
-    return bytes(data)
 
 
 def _hopeless(error: httpx.TransportError) -> bool:

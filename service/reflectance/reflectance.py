@@ -203,7 +203,7 @@ def _by_networks(
         precision=engine.precision,
         tile=tile,
         super_resolution="super_resolution" in plan.stages,
-        fallbacks=_fallbacks(plan, engine, subject, texture),
+        fallbacks=_fallbacks(plan, engine, subject),
         engines=engine.told(plan.networks),
     )
 
@@ -274,9 +274,7 @@ def _by_networks(
     return replace(made, specular_albedo=specular(), diffuse_normal=(diffuse or beside(soft))())
 
 
-def _fallbacks(
-    plan: ReflectancePlan, engine: Engine, subject: Subject, texture: npt.NDArray[np.uint8]
-) -> tuple[str, ...]:
+def _fallbacks(plan: ReflectancePlan, engine: Engine, subject: Subject) -> tuple[str, ...]:
     delighted = "diffuse_albedo" in plan.stages
     told = {
         "texture-resampled": "super_resolution" not in plan.stages,

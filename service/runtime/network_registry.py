@@ -127,12 +127,3 @@ ROLES = {one.name: one.role for one in REGISTRY}
 def networks_of(*stages: str) -> tuple[str, ...]:
     """Names of the networks that some stages run, in order; none where a stage needs none."""
     return tuple(one.name for one in REGISTRY if one.stage in stages)
-
-
-def planes_of(name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the planes that a network takes, and of those that it gives.
-
-    Raises:
-        StopIteration: there is no network of that name.
-    """
-    return next((one.channels, one.outputs) for one in REGISTRY if one.name == name)

@@ -120,7 +120,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._submit()
         elif found := re.fullmatch(r"/v1/avatars/(\w+)(/archive\.zip)?", self.path):
             self._job(found[1], found[2])
-        elif self.path in ("/readyz", "/v1/models", "/v1/quality"):
+        elif self.path == "/readyz":
             answer(200, {"path": self.path})(self)
         else:
             answer(404, problem(404, "not-found"))(self)

@@ -21,11 +21,10 @@ from service.client.errors import (
 )
 from service.client.transport import retry_after_s
 from service.errors import UsageError
-from tests.service.client.fake import Fake, _Handler, answer, hang_up, problem
+from tests.service.client.fake import Fake, answer, hang_up, problem
 
 PHOTO = b"the bytes of a photo"
 JOB = "0" * 32
-PNG = b"\x89PNG\r\n\x1a\n" + bytes(100)
 
 
 def test_a_lost_answer_makes_no_second_job(client: Client, fake: Fake) -> None:
@@ -113,9 +112,9 @@ def test_a_refusal_in_the_middle_of_a_large_upload_is_read(client: Client, fake:
     ],
 )
 def test_another_kind_of_server(client: Client, fake: Fake, handler: Any, words: str) -> None:
-    fake.fail("GET", "models", handler)
+    fake.fail("GET", "avatars", handler)
     with pytest.raises(UnexpectedAnswer, match=words):
-        client.models()
+        client.state(JOB)
 
 
 @pytest.mark.parametrize(
@@ -168,9 +167,9 @@ def test_an_answer_without_end_does_not_fill_the_memory(client: Client, fake: Fa
         for _ in range(400):
             request.wfile.write(bytes(1 << 16))
 
-    fake.fail("GET", "models", endless)
+    fake.fail("GET", "avatars", endless)
     with pytest.raises(UnexpectedAnswer, match="longer"):
-        client.models()
+        client.state(JOB)
 
 
 @pytest.mark.parametrize(
@@ -229,29 +228,15 @@ def test_an_id_cannot_lead_elsewhere(value: object) -> None:
         checked_id(value)
 
 
-def test_a_picture_that_takes_long_is_waited_for(client: Client, fake: Fake) -> None:
-    job: dict[str, Any] = {"id": "1" * 32, "state": "queued", "links": {}, "error": None}
-    fake.fail("POST", "/v1/renders", answer(202, job))
-    fake.fail(
-        "GET", "/v1/renders/1+$", answer(200, {**job, "state": "running"}), answer(200, {**job, "state": "succeeded"})
-    )
-
-    def gives_picture(request: _Handler) -> None:
-        request.reply(200, PNG, {"Content-Type": "image/png"})
-
-    fake.fail("GET", "picture.png", gives_picture)
-    assert client.render(JOB) == PNG
-
-
 def test_refusals_are_exceptions(client: Client, fake: Fake) -> None:
     fake.fail(
-        "POST", "/v1/renders", answer(409, problem(409, "not-ready")),
+        "GET", "avatars", answer(409, problem(409, "not-ready")),
         answer(422, problem(422, "usage", "size is too small", pointer="/size")),
     )  # fmt: skip
     with pytest.raises(Conflict):
-        client.render(JOB)
+        client.state(JOB)
     with pytest.raises(UsageError, match="too small") as refused:
-        client.render(JOB, size=[1, 1])
+        client.state(JOB)
     assert refused.value.extra["field"] == "size"
     with pytest.raises(UsageError):
-        client.render("../x")
+        client.state("../x")
