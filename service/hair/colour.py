@@ -29,8 +29,10 @@ SURFACE = 0.003
 """Light that comes out of strands without colour, however black: they are no hole."""
 SHINE = 0.008
 """Least white light that any photo has in the colour of hair, which strands mirror: it hides the hue of black hair."""
-GREY = 0.015
-"""Melanin that is left in a grey hair."""
+GREY = 0.006
+"""Melanin that is left in a white hair, which is a little yellow."""
+HAIRS = 100_000
+"""On a head: each of our strands stands for several, some of which may have gone white."""
 DYED, DYED_DARK, DARK = 0.4, 2.0, 0.02
 """Spread over the channels of the logarithm of melanin's colour over the hair's, from which on no melanin explains it:
 less is the photo's white balance. By so much more in black hair, which mirrors sky, and the luminance at which 1/e of
@@ -66,11 +68,10 @@ class Melanin:
     highlights: _Share = 0.0
 
     def amounts(self, strands: int, rng: np.random.Generator) -> Float32:
-        """(strands, KNOTS, 2) float32 concentrations of eumelanin and pheomelanin from root to tip."""
+        """(strands, KNOTS, 2) float32 concentrations of eumelanin and pheomelanin from root to tip; none is white."""
         amount = np.exp(rng.normal(0, self.spread, strands))
         lot = rng.random(strands)
-        amount = np.where(lot < self.grey, GREY / max(self.eumelanin + self.pheomelanin, GREY), amount)
-        amount = np.where((lot >= self.grey) & (lot < self.grey + self.highlights), 0.25 * amount, amount)
+        amount = np.where(lot < self.highlights, 0.25 * amount, amount)
         along = 1 - self.fade * np.linspace(0, 1, KNOTS)
         pigment = np.array([self.eumelanin, self.pheomelanin])
         return np.asarray((amount[:, None] * along)[..., None] * pigment, np.float32)
@@ -95,8 +96,16 @@ class HairColour:
 
     @classmethod
     def of(cls, melanin: Melanin, strands: int, rng: np.random.Generator) -> HairColour:
-        """Colour of strands without dye."""
-        return cls(melanin.amounts(strands, rng), np.zeros(3, np.float32))
+        """Colour of strands; each that stands for hairs with and without pigment has their mean, as the eye sees it."""
+        amounts = melanin.amounts(strands, rng)
+        if melanin.grey == 0 or strands == 0:
+            return cls(amounts, np.zeros(3, np.float32))
+        hairs = max(round(HAIRS / strands), 1)
+        white = (rng.binomial(hairs, melanin.grey, strands) / hairs)[:, None, None]
+        bases = np.stack([EUMELANIN, PHEOMELANIN])
+        pigment = np.array([melanin.eumelanin, melanin.pheomelanin])
+        bare = pigment * min(1.0, GREY / max(float(pigment.sum()), GREY))
+        return as_absorbed((1 - white) * reflected(amounts @ bases) + white * reflected(bare @ bases), dyed_from=0.0)
 
     @property
     def dyed(self) -> bool:
@@ -123,7 +132,7 @@ COLOURS: dict[str, Melanin] = {
     "black": Melanin(3.2, 0.15), "dark_brown": Melanin(1.3, 0.15), "brown": Melanin(0.75, 0.15),
     "light_brown": Melanin(0.38, 0.12), "dark_blond": Melanin(0.2, 0.09), "blond": Melanin(0.11, 0.07),
     "platinum": Melanin(0.03, 0.02), "red": Melanin(0.12, 0.8), "auburn": Melanin(0.5, 0.7),
-    "grey": Melanin(1.0, 0.1, grey=0.6), "white": Melanin(0.02, 0.005),
+    "grey": Melanin(1.0, 0.1, grey=0.6), "white": Melanin(0.006, 0.001),
 }  # fmt: skip
 """Natural colours by name."""
 
@@ -150,22 +159,26 @@ def absorption_of(colour: AnyFloat) -> Float32:
     return np.asarray(np.square(logs / WIDTH), np.float32)
 
 
-def as_absorbed(colours: AnyFloat, *, dyed: bool = True, shine: float = 0.0) -> HairColour:
-    """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains, if it may be.
+def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, shine: float = 0.0) -> HairColour:
+    """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains.
 
-    ``shine`` is what they mirror, see :class:`HairColour`.
+    Args:
+        colours: of the strands.
+        dyed_from: how far from melanin's colours hair is dyed, as ``DYED``; 0 for grey hair, in which white hairs and
+            others together have a colour that no hair has alone; infinite where all of it is melanin.
+        shine: what they mirror, see :class:`HairColour`.
     """
     colours = np.clip(colours - np.float32(shine), 1.15 * SURFACE, 0.98)
     absorbed = absorption_of(colours).astype(np.float64)
     melanin = _as_bright(_melanin(absorbed), luma(np.asarray(colours, np.float32)))
     dye = np.zeros(3)
-    if dyed and len(colours):
+    if np.isfinite(dyed_from) and len(colours):
         usual = np.median(absorbed.reshape(-1, 3), 0)
         amount = np.median(melanin.reshape(-1, 2), 0)
         nearest, shown = reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN])), reflected(usual)
         left = np.log((nearest + SHINE) / (shown + SHINE))
         bright = float(luma(shown))
-        if float(left.max() - left.min()) > DYED + DYED_DARK * np.exp(-bright / DARK):
+        if float(left.max() - left.min()) > dyed_from + DYED_DARK * np.exp(-bright / DARK):
             # Whatever melanin there is absorbs no more than the dyed hair does in any channel.
             bases = np.stack([EUMELANIN, PHEOMELANIN])
             most = (usual / np.maximum(amount @ bases, 1e-9)).min()

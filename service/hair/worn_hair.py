@@ -12,7 +12,7 @@ from service.colour import bytes_to_linear, linear_to_srgb, luma
 from service.face.fit.fit import Fit
 from service.geometry.mesh import unit
 from service.hair.cards import BUDGETS, PARTS, hair_parts
-from service.hair.colour import KNOTS, as_absorbed
+from service.hair.colour import DYED, KNOTS, as_absorbed
 from service.hair.groom import Groom
 from service.hair.scalp import CENTRE, Scalp
 from service.levels import QualityName
@@ -107,7 +107,8 @@ def hair_in_albedo(
     own = without_gloss(white, mirrored(middle) * beside)
     if brown:  # nor is a strand that the light blew out
         own = np.minimum.accumulate(own, -1)
-    unlit_colour = as_absorbed(own, dyed=not brown or greyed(np.median(own.reshape(-1, 3), 0)))
+    dyed_from = 0.0 if greyed(np.median(own.reshape(-1, 3), 0)) else np.inf if brown else DYED
+    unlit_colour = as_absorbed(own, dyed_from=dyed_from)
     made = replace(unlit_colour, measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.
@@ -159,13 +160,13 @@ def mirrored(colour: Float32) -> float:
     if greyed(without_gloss(colour, MIRRORED)):
         return MIRRORED  # it is grey itself, and tells nothing
     inside = [without_gloss(colour, float(amount)) for amount in AMOUNTS]
-    nearest = as_absorbed(np.repeat(np.array(inside)[:, None], KNOTS, 1), dyed=False).linear()[:, 0]
+    nearest = as_absorbed(np.repeat(np.array(inside)[:, None], KNOTS, 1), dyed_from=np.inf).linear()[:, 0]
     off = [np.log(with_gloss(one, float(amount)) / colour) for one, amount in zip(nearest, AMOUNTS, strict=True)]
     cost = np.square(np.array(off) / HUE).sum(1) + np.square(np.log2(AMOUNTS / MIRRORED))
     return float(AMOUNTS[int(cost.argmin())])
 
 
-GREYED = 0.06, 0.3
+GREYED = 0.1, 0.45
 """Luminance from which on hair is grey, and its saturation, 1 - min / max, up to which it is: brown as fair as this has
 0.75, and blond 0.6."""
 

@@ -331,6 +331,24 @@ def test_brown_hair_under_a_blue_sky_is_brown() -> None:
     assert made is not None and not made.colour.dye.any()
 
 
+def test_grey_hair_is_neither_striped_nor_blond() -> None:
+    """Each strand was white or brown, and the head striped; what white and brown hairs show together was called blond."""
+    for strands in (500, 5000):
+        grey = asked_colour("grey", strands, 0).linear().mean(1)
+        usual = np.median(grey, 0)
+        assert 1 - usual.min() / usual.max() < 0.35 and 0.25 < luma(usual) < 0.6
+        assert np.log(luma(grey)).std() < 0.25
+    seen = photographed(NAMED["crop"], 3, HEAD, strands=50)
+    shown = np.array([0.267, 0.223, 0.165], np.float32)
+    colour = as_absorbed(np.broadcast_to(shown, (len(seen.groom), KNOTS, 3)), dyed_from=0.0)
+    groom = dataclasses.replace(seen.groom, colour=colour)
+    worn = WornHair(groom, "crop", {}, np.ones(len(groom), np.float32), in_photo_light=True)
+    made = hair_in_albedo(worn, (), np.ones(3, np.float32))[0].groom
+    assert made is not None and not made.colour.dyed
+    found = np.median(made.colour.linear().reshape(-1, 3), 0)
+    assert found[2] / found[0] > 0.55, "blond of this brightness has a third of blue"
+
+
 def test_hair_below_the_sky_is_brighter_than_skin_of_its_colour() -> None:
     """Most of it faces the sky: it came out too fair. No light that is told, and no hair, tell nothing of it."""
     seen = photographed(NAMED["crop"], 3, HEAD, strands=200)
