@@ -37,7 +37,7 @@ DYED, DYED_DARK, DARK = 0.4, 2.0, 0.02
 """Spread over the channels of the logarithm of melanin's colour over the hair's, from which on no melanin explains it:
 less is the photo's white balance. By so much more in black hair, which mirrors sky, and the luminance at which 1/e of
 that is left."""
-NEUTRAL = 0.4
+NEUTRAL = 0.45
 """Saturation (1 - min / max of linear RGB) below which hair without melanin's colour is grey, not dyed."""
 KNOTS = 8
 """Places along a strand at which its pigment is told."""

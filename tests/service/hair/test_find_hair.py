@@ -332,7 +332,7 @@ def test_brown_hair_under_a_blue_sky_is_brown() -> None:
 
 
 def test_grey_hair_is_neither_striped_nor_blond() -> None:
-    """Each strand was white or brown, and the head striped; what white and brown hairs show together was called blond."""
+    """Strands were white or brown, and the head striped; what both show together was called blond."""
     for strands in (500, 5000):
         grey = asked_colour("grey", strands, 0).linear().mean(1)
         usual = np.median(grey, 0)
