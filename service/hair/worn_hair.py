@@ -107,8 +107,12 @@ def hair_in_albedo(
     own = without_gloss(white, mirrored(middle) * beside)
     if brown:  # nor is a strand that the light blew out
         own = np.minimum.accumulate(own, -1)
-    dyed_from = 0.0 if greyed(np.median(own.reshape(-1, 3), 0)) else np.inf if brown else DYED
-    unlit_colour = as_absorbed(own, dyed_from=dyed_from)
+    if greyed(np.median(own.reshape(-1, 3), 0)):
+        doubt = grey_doubt(light)
+        own = (1 - doubt) * own + doubt * as_absorbed(own, dyed_from=np.inf).linear(KNOTS)
+        unlit_colour = as_absorbed(own, dyed_from=0.0)
+    else:
+        unlit_colour = as_absorbed(own, dyed_from=np.inf if brown else DYED)
     made = replace(unlit_colour, measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.
@@ -175,6 +179,17 @@ def greyed(albedo: Float32) -> bool:
     """Whether hair of a linear albedo (3,) is grey: it has the colour of melanin, and of strands that have lost it."""
     level, saturation = GREYED
     return bool(luma(albedo) > level and 1 - albedo.min() / max(float(albedo.max()), 1e-6) < saturation)
+
+
+LIGHT_HUE, HAIR_HUE = (0.1, 0.35), 0.35
+"""Standard deviation of the logarithm of red over blue: of white light as it is told, and what it grows by with that
+logarithm of coloured light; and of hair about melanin of its brightness."""
+
+
+def grey_doubt(light: Float32) -> float:
+    """How likely hair that is grey without a light (3,) is blond, in [0, 1]: coloured light is told less surely."""
+    told = LIGHT_HUE[0] + LIGHT_HUE[1] * float(np.log(light.max() / max(float(light.min()), 1e-6)))
+    return told**2 / (told**2 + HAIR_HUE**2)
 
 
 LEVELS_OF_HAIR = 16

@@ -347,6 +347,13 @@ def test_grey_hair_is_neither_striped_nor_blond() -> None:
     assert made is not None and not made.colour.dyed
     found = np.median(made.colour.linear().reshape(-1, 3), 0)
     assert found[2] / found[0] > 0.55, "blond of this brightness has a third of blue"
+    # In light that is told as strongly coloured, grey is more likely blond.
+    lamp = np.array([0.6, 1.0, 1.7], np.float32)
+    groom = dataclasses.replace(groom, colour=as_absorbed(colour.linear() / lamp, dyed_from=0.0))
+    doubted = hair_in_albedo(dataclasses.replace(worn, groom=groom), (), lamp)[0].groom
+    assert doubted is not None
+    warm = np.median(doubted.colour.linear().reshape(-1, 3), 0)
+    assert warm[2] / warm[0] < 0.85 * found[2] / found[0]
 
 
 def test_hair_below_the_sky_is_brighter_than_skin_of_its_colour() -> None:
