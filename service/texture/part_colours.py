@@ -11,7 +11,7 @@ from service.anatomy.mouth import Teeth, no_bluer, paint_lining, paint_tongue
 from service.anatomy.wearables import LASH
 from service.arrays import Bool, Float32, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear
-from service.face.features.eye_colours import IRIS, SCLERA, likely_iris
+from service.face.features.eye_colours import IRIS, SCLERA, iris_without_light
 from service.face.features.mouth import TOOTH
 from service.face.fit.fit import Fit
 from service.face.reading import part_labels as labels
@@ -79,7 +79,7 @@ class Parts:
         colour: (N, 3) sRGB in the photo's light: the parts painted over the skin.
         code: (N,) confidence, see ``service.texture.texture``.
         albedo: (H, W, 3) sRGB-coded albedo of all parts but skin, extended over the chart.
-        iris, tooth: (3,) linear albedo of irises (:func:`likely_iris`) and teeth, the usual one where none were seen.
+        iris, tooth: (3,) linear albedo of irises (:func:`iris_without_light`) and of teeth, the usual one where unseen.
     """
 
     colour: Float32
@@ -108,7 +108,7 @@ def paint_parts(
     """
     seen = opacity(unwrapped.weight)
     light = LightOnParts.of(fit.sclera, skin, unwrapped.colour[face])
-    iris = IRIS if fit.iris is None else likely_iris(np.asarray(srgb_to_linear(fit.iris) / light.white, np.float32))
+    iris = IRIS if fit.iris is None else iris_without_light(fit.iris, light.white)
     work = _Painted(chart, light, colour.copy(), code.copy(), np.zeros_like(colour), np.zeros(len(colour), np.float32))
 
     socket = np.clip(zones.hidden - zones.mouth, 0, 1) * zones.skin

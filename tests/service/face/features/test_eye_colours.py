@@ -7,6 +7,7 @@ import numpy as np
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.features.eye_colours import (
     eye_colours,
+    iris_without_light,
     likely_iris,
 )
 from service.face.features.iris import Iris
@@ -54,3 +55,16 @@ def test_irises_are_not_red() -> None:
         found = likely_iris(np.array(linear, np.float32))
         assert found[0] < 2.6 * found[1] and found[2] > 0.35 * found[1]
         assert luma(found) <= luma(np.array(linear, np.float32)) + 0.02
+
+
+def test_irises_of_a_photo_without_colour_are_brown_and_as_dark_as_they_are_shown() -> None:
+    """They were blue: grey in a light that makes skin grey, which is blue."""
+    blue_light = np.array([0.8, 1.0, 1.3], np.float32)
+    dark, bright = (iris_without_light(np.full(3, level, np.float32), blue_light) for level in (0.2, 0.35))
+    for iris in (dark, bright):
+        assert iris[0] > iris[1] > iris[2]
+    assert bright[1] > 1.5 * dark[1]
+    seen = iris_without_light(np.array([0.3, 0.36, 0.42], np.float32), np.ones(3, np.float32))
+    assert seen[2] > seen[0], "in colour, blue ones are blue"
+    black = iris_without_light(np.zeros(3, np.float32), blue_light)
+    assert np.isfinite(black).all() and (black > 0).all()
