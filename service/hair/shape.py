@@ -132,6 +132,9 @@ HANGS_BELOW_M = -0.04
 NAPE_LEFT_M = 0.012
 """How far below its root such a strand may hang all the same."""
 STEP_M = 0.012
+BUST_M, LEAST_LOW = -0.2, 0.02
+"""Height of the lower edge of the bust, and share of the strands' points below it that must lie on hair of the photo,
+for them to stay as long as they are."""
 GONE = 0.15
 """Share of a row of hanging hair that the photo shows, below which the row is beyond its ends."""
 
@@ -155,7 +158,7 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     on_head, _ = sight.read(np.asarray(np.isfinite(sight.behind), np.float32), strands)
     beyond = (bare > BARE) & ((on_head > 0) | (skin.outside(strands) > NEAR_SKIN_M))
     # What grows on a nape that is not seen is no stub.
-    height = _ends(strands, sight) + rng.normal(0, 0.006, len(strands))
+    height = np.maximum(_ends(strands, sight), _bust(strands, sight)) + rng.normal(0, 0.006, len(strands))
     _, shown = sight.visible(*sight.project(strands[:, 0]))
     height = np.where(shown, height, np.minimum(height, strands[:, 0, 1] - NAPE_LEFT_M))
     beyond |= (strands[..., 1] < height[:, None]) & (strands[..., 1] < HANGS_BELOW_M)
@@ -184,6 +187,17 @@ def _ends(strands: Float32, sight: Sight) -> float:
     told = np.flatnonzero(~np.isnan(share))
     gone = [k for k in told if (share[told[told >= k]] < GONE).all()]
     return float(HANGS_BELOW_M - STEP_M * gone[0]) if gone else -np.inf
+
+
+def _bust(strands: Float32, sight: Sight) -> float:
+    """Height at which hair ends of which the photo shows nothing so low; minus infinity where it does.
+
+    How long it is, nobody knows; below the bust it would hang in the air.
+    """
+    low = strands[strands[..., 1] < BUST_M]
+    cell, seen = sight.visible(*sight.project(low))
+    shown = seen & (sight.known[cell] > 0.5) & (sight.hair[cell] > 0.5)
+    return -np.inf if shown.sum() > LEAST_LOW * len(low) else BUST_M
 
 
 FILLINGS = 2

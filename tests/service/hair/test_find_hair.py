@@ -24,6 +24,7 @@ from service.hair.outline import to_outline
 from service.hair.reading import CELLS
 from service.hair.scalp import CENTRE, Scalp
 from service.hair.shape import (
+    BUST_M,
     filled,
     fitted,
     led_aside,
@@ -35,7 +36,6 @@ from service.hair.shape import (
     upright,
 )  # fmt: skip
 from service.hair.sight import Sight, overlap
-from service.hair.style import LENGTHS as LENGTH_NAMES
 from service.hair.style import NAMED, Style, style_to_json
 from service.hair.worn_hair import RETURNED, WornHair, hair_cards, hair_in_albedo, over_skin
 from service.head.files import load_head
@@ -234,6 +234,22 @@ def test_strands_are_cut_by_their_length_not_by_their_points() -> None:
     made, kept = trimmed(np.repeat(line[None], 40, 0).astype(np.float32), above, SKIN, np.random.default_rng(0))
     assert kept.all()
     np.testing.assert_allclose(made[:, -1, 1], 0.0, atol=0.012)
+
+
+def test_long_hair_ends_with_the_bust_unless_the_photo_shows_more_of_it() -> None:
+    """A portrait ends at the chin, and nobody knows how long the hair is: it hung in the air below the bust."""
+    long = photographed(NAMED["long_wavy"], 3, HEAD)
+    low = long.groom.strands[..., 1].min()
+    assert low < BUST_M - 0.05
+    rows, _ = np.indices((CELLS, CELLS))
+    chin = int(long.sight.project(np.array([[0.0, -0.1, 0.1]]))[0][0, 1])
+    known = np.where(rows < chin, long.sight.known, 0).astype(np.float32)
+    portrait = dataclasses.replace(long.sight, known=known, hair=long.sight.hair * known)
+    made, kept = trimmed(long.groom.strands, portrait, SKIN, np.random.default_rng(0))
+    assert kept.mean() > 0.9 and made[kept][..., 1].min() > BUST_M - 0.04
+    shown = dataclasses.replace(long.sight, known=np.ones_like(known), hair=np.ones_like(known))
+    whole, _ = trimmed(long.groom.strands, shown, SKIN, np.random.default_rng(0))
+    assert whole[..., 1].min() < BUST_M - 0.05
 
 
 def test_strands_that_would_cross_the_face_run_along_its_hairline() -> None:
@@ -512,14 +528,6 @@ def test_hair_that_is_seen_to_hang_is_not_called_short() -> None:
         assert (read.likeliest("length")[0] == "short") is told
         assert (read.ends_m[0] == -0.03) is told
         assert sum(read.kinds["length"].values()) == pytest.approx(1.0)
-
-
-def test_hair_that_the_picture_cuts_off_is_as_long_as_its_style() -> None:
-    """It was cut on the chest, whatever the style's length: long hair lost a fifth of a metre."""
-    seen = photographed(NAMED["long_wavy"], 5, HEAD)
-    dark = dataclasses.replace(seen.sight, known=seen.sight.known * (np.arange(CELLS) < 70)[:, None])
-    long = dataclasses.replace(NAMED["long_wavy"].scaled(1.6, *LENGTH_NAMES), cut_y=None)
-    assert fitted(long, dark, SKIN, 0, 600)[0].strands[..., 1].min() < -0.35
 
 
 def test_an_ear_ring_is_no_lock() -> None:
