@@ -1,13 +1,12 @@
 """Scene of a render: environment, point lights, viewpoints and the camera's response.
 
 Positions are metres in head space: origin midway between the eyes, +X the subject's left, +Y up, +Z out of the face.
-Radiance is linear sRGB in an arbitrary unit, as the response's exposure scales it. A scene is exchanged as JSON.
+Radiance is linear sRGB in an arbitrary unit, as the response's exposure scales it. A scene is read from JSON.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from typing import Annotated
 
@@ -124,10 +123,6 @@ class Scene:
     def exposed(self, exposure: float) -> Scene:
         """The same scene with the exposure fixed."""
         return dataclasses.replace(self, response=dataclasses.replace(self.response, exposure=exposure))
-
-    def to_json(self) -> str:
-        """As JSON, every field."""
-        return json.dumps(dataclasses.asdict(self), indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> Scene:
