@@ -179,7 +179,8 @@ def _curled(style: Style, strands: Float32, lock: Int32, rng: np.random.Generato
     # No curl is even: its turns are now wider, now closer.
     drift = np.cumsum(rng.normal(0, 1, (locks, strands.shape[1])), 1)[lock] / np.sqrt(strands.shape[1])
     angle = (2 * np.pi * gone / pitch[:, None] + phase[:, None] + 1.8 * drift) * hand[:, None]
-    begin = np.clip(gone / np.maximum(0.5 * pitch, 0.006)[:, None], 0, 1)
+    straight = wave.begins * longest
+    begin = np.clip((gone - straight[:, None]) / np.maximum(np.maximum(0.5 * pitch, 0.006), straight)[:, None], 0, 1)
     radius = wave.radius_mm / 1000 * np.exp(rng.normal(0, 0.15 + 0.4 * wave.frizz, len(lock)))
     radius = np.minimum(radius[:, None], 0.25 * longest[:, None]) * begin
     turned = np.cos(angle)[..., None] * across + (1 - wave.flat) * np.sin(angle)[..., None] * deep

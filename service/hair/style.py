@@ -33,21 +33,24 @@ class Wave:
         pitch_mm: length of the strand's middle line in one turn.
         flat: 1 for a wave in a plane, 0 for a round helix.
         frizz: share of the radius by which strands of a lock differ.
+        begins: share of the strand's length at which it begins to show; up to there its weight draws it straight.
     """
 
     radius_mm: float
     pitch_mm: float
     flat: float
     frizz: float
+    begins: float = 0.0
 
 
 WAVES: Mapping[Curl, Wave] = {
     "1": Wave(0.0, 80.0, 1.0, 0.0),
-    "2a": Wave(3.0, 80.0, 0.9, 0.15), "2b": Wave(5.5, 62.0, 0.8, 0.2), "2c": Wave(7.5, 48.0, 0.6, 0.25),
+    "2a": Wave(3.0, 80.0, 0.9, 0.15, 0.5), "2b": Wave(5.5, 62.0, 0.8, 0.2, 0.3), "2c": Wave(7.5, 48.0, 0.6, 0.25, 0.1),
     "3a": Wave(9.0, 34.0, 0.25, 0.2), "3b": Wave(7.0, 24.0, 0.1, 0.25), "3c": Wave(4.5, 16.0, 0.0, 0.3),
     "4a": Wave(2.8, 9.0, 0.0, 0.35), "4b": Wave(2.0, 6.5, 0.0, 0.5), "4c": Wave(1.4, 5.0, 0.0, 0.7),
 }  # fmt: skip
-"""After what hairdressers tell the types by: chalk for 3a, a marker for 3b, a pencil for 3c, a needle for 4a."""
+"""After what hairdressers tell the types by: chalk for 3a, a marker for 3b, a pencil for 3c, a needle for 4a; and 2a is
+straight to the middle of its length, while 2c waves from near the root."""
 
 
 LENGTHS = ("top_mm", "fringe_mm", "sides_mm", "back_mm")

@@ -21,7 +21,7 @@ from service.hair.colour import (
 from service.hair.groom import make_groom
 from service.hair.guides import grown
 from service.hair.scalp import mean_scalp
-from service.hair.style import NAMED, WAVES
+from service.hair.style import NAMED, WAVES, Curl
 from service.head.files import load_head
 
 COUNT = 600
@@ -145,3 +145,28 @@ def test_a_scalp_on_which_nothing_grows_is_refused() -> None:
     skin = mean_scalp()
     with pytest.raises(ValueError, match="grows nowhere"):
         dataclasses.replace(skin, grows=0 * skin.grows).roots(10, np.random.default_rng(0))
+
+
+def test_waves_begin_below_the_roots_and_curls_at_them() -> None:
+    """All of a wavy head was tangled, crown and all: its own weight draws long hair straight at the roots."""
+
+    def turns(curl: Curl) -> tuple[float, float]:
+        """How much strands turn in a metre, radians, in their first and in their last third."""
+        style = dataclasses.replace(NAMED["long_wavy"], curl=curl, frizz_mm=0.0, flyaways=0.0)
+        plain = dataclasses.replace(style, curl="1")
+        found = []
+        for one in (style, plain):
+            steps = np.diff(make_groom(one, 3, COUNT).strands, axis=1)
+            size = np.linalg.norm(steps, axis=2)
+            cosine = (steps[:, 1:] * steps[:, :-1]).sum(2) / np.maximum(size[:, 1:] * size[:, :-1], 1e-12)
+            angle = np.arccos(np.clip(cosine, -1, 1)) / np.maximum(size[:, 1:], 1e-6)
+            third = angle.shape[1] // 3
+            found.append((np.median(angle[:, :third]), np.median(angle[:, -third:])))
+        return found[0][0] - found[1][0], found[0][1] - found[1][1]
+
+    wavy: tuple[Curl, ...] = ("2a", "2b")
+    for curl in wavy:
+        root, tip = turns(curl)
+        assert tip > 5 and root < 0.4 * tip
+    root, tip = turns("3b")
+    assert root > 0.6 * tip
