@@ -158,7 +158,7 @@ def make_avatar(
         with stage("texture"):
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
             bald = not seen.without or wish.style == NONE
-            given = photo, head, fit, chart, reading, bald, gathered.others
+            given = photo, fit, chart, reading, bald, gathered.others
             texture = kept("texture", make_texture, *given, known.result())
             del known  # its memory
             if options.eye_colour != "auto":

@@ -21,7 +21,6 @@ from service.geometry.chart import Chart, chart_points
 from service.geometry.mesh import face_normals, laplacian, normalise, smooth_fit, splat, vertex_normals
 from service.geometry.raster import signed_area
 from service.hair.worn_hair import WornHair
-from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
@@ -228,15 +227,14 @@ class Unwrappings:
 
 
 def make_texture(
-    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, reading: Reading | None = None,
+    photo: Photo, fit: Fit, chart: Chart, reading: Reading | None = None,
     bald: bool = False, others: Sequence[tuple[View, Fit]] = (), known: Unwrappings | None = None,
 ) -> Texture:  # fmt: skip
     """Unwrap photos on the fitted head, blend them and inpaint the rest.
 
     Args:
         photo: the upright photo that was fitted; of several the one whose light, eyes and mouth the texture has.
-        head: the model that ``chart`` was built from.
-        fit: camera and vertices.
+        fit: camera and vertices of the head that ``chart`` was built from.
         chart: gives the size of the maps, 576 x 384 for AvatarMe's texture.
         reading: says what the photo shows of the head; without one its face is taken from the photo and nothing else,
             and the warning is ``not-segmented``.
@@ -318,9 +316,7 @@ def _sight(
     return unwrapped, part, cover, dark
 
 
-def _layer(
-    chart: Chart, zones: Zones, unwrapped: Unwrapped, part: Float32, cover: Float32, *, bald: bool
-) -> Layer:
+def _layer(chart: Chart, zones: Zones, unwrapped: Unwrapped, part: Float32, cover: Float32, *, bald: bool) -> Layer:
     """What one photo shows of the head."""
     weight = unwrapped.weight
     hidden = np.maximum(covered(part, zones, bald=bald), cover)

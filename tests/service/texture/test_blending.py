@@ -33,7 +33,7 @@ def seen(yaw: float, paint: Paint) -> tuple[View, Fit]:
 
 def textured(*photos: tuple[View, Fit]) -> Texture:
     (view, fit), *others = photos
-    return make_texture(view.photo, HEAD, fit, CHART, view.reading, False, others)
+    return make_texture(view.photo, fit, CHART, view.reading, False, others)
 
 
 def dimmed(paint: Paint, share: float) -> Paint:

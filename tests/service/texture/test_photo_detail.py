@@ -37,7 +37,7 @@ def spots(points: Array) -> Array:
 @pytest.fixture(scope="module")
 def scene() -> tuple[Photo, Texture, OwnDetail]:
     photo, fit = photograph(HEAD, turned(0, 1000), spots), fitted(HEAD, turned(0, 1000))
-    texture = make_texture(photo, HEAD, fit, CHART, bare(HEAD, turned(0, 1000)))
+    texture = make_texture(photo, fit, CHART, bare(HEAD, turned(0, 1000)))
     return photo, texture, OwnDetail.of(photo, HEAD, fit, texture)
 
 
@@ -80,7 +80,7 @@ def test_a_photo_that_shows_no_head_changes_nothing() -> None:
     camera = turned(0)
     away = type(camera)(400, 400, camera.focal_px, np.array([9000.0, 200.0]), camera.rotation, camera.translation)
     photo, fit = Photo(np.full((400, 400, 3), 90, np.uint8)), fitted(HEAD, away)
-    texture = make_texture(photo, HEAD, fit, CHART)
+    texture = make_texture(photo, fit, CHART)
     own, codes = OwnDetail.of(photo, HEAD, fit, texture), enlarged(texture)
     told = own.onto(codes)
     assert (codes == enlarged(texture)).all()
@@ -99,7 +99,7 @@ def test_the_texture_is_as_large_as_the_photo_holds(scene: tuple[Photo, Texture,
     assert own.texture_size(576) == (576, 384)
     small = photograph(HEAD, turned(0, 150), plain(SKIN))
     fit = fitted(HEAD, turned(0, 150))
-    coarse = make_texture(small, HEAD, fit, CHART)
+    coarse = make_texture(small, fit, CHART)
     assert OwnDetail.of(small, HEAD, fit, coarse).texture_size() == (576, 384)
 
 
@@ -107,7 +107,7 @@ SHARP, FIT = photograph(HEAD, turned(0, 1000), spots), fitted(HEAD, turned(0, 10
 
 
 def own_of(photo: Photo) -> tuple[Texture, OwnDetail]:
-    texture = make_texture(photo, HEAD, FIT, CHART, bare(HEAD, turned(0, 1000)))
+    texture = make_texture(photo, FIT, CHART, bare(HEAD, turned(0, 1000)))
     return texture, OwnDetail.of(photo, HEAD, FIT, texture)
 
 

@@ -25,7 +25,7 @@ SKIN_MASK = CHART.part == 0
 
 
 def _texture(photo: Photo, yaw: float) -> Texture:
-    return make_texture(photo, HEAD, fitted(HEAD, turned(yaw)), CHART, read_off(HEAD, turned(yaw), _parts))
+    return make_texture(photo, fitted(HEAD, turned(yaw)), CHART, read_off(HEAD, turned(yaw), _parts))
 
 
 def _parts(points: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ def test_skin_too_dark_for_its_colour_to_be_told_is_completed(shade: tuple[float
     dark_half = photograph(HEAD, turned(0), lambda points: np.where(points[:, :1] > 0, shade, 1.0) * SKIN)
     fit, reading = fitted(HEAD, turned(0)), read_off(HEAD, turned(0), _parts)
     known = Unwrappings.of(CHART, [(dark_half, fit, reading)])
-    texture = make_texture(dark_half, HEAD, fit, CHART, reading, known=known)
+    texture = make_texture(dark_half, fit, CHART, reading, known=known)
     place, dark = POINTS[CHART.texels // CHART.width, CHART.texels % CHART.width], known.sights[0][3]
     hidden = (dark > 0.9) & (place[:, 0] > 0.01)
     assert hidden.sum() > 200
@@ -80,7 +80,7 @@ def test_a_black_collar_that_was_read_as_skin_does_not_blacken_the_neck(monkeypa
     collared = photograph(HEAD, turned(0), lambda points: np.where(points[:, 1:2] < low, 0.01, 1.0) * SKIN)
     fit, reading = fitted(HEAD, turned(0)), read_off(HEAD, turned(0), _parts)
     known = Unwrappings.of(CHART, [(collared, fit, reading)])
-    texture = make_texture(collared, HEAD, fit, CHART, reading, known=known)
+    texture = make_texture(collared, fit, CHART, reading, known=known)
     neck = (known.sights[0][0].weight > 0.2) & (place[:, 1] < low - 0.004)
     assert neck.sum() > 50
     assert np.median(texture.texture[np.unravel_index(CHART.texels[neck], SKIN_MASK.shape)]) > 80
@@ -91,7 +91,7 @@ def test_the_black_below_a_brim_does_not_reach_the_forehead_that_a_hat_hides() -
     hat, brim = 0.035, 0.0
     shaded = photograph(HEAD, turned(0), lambda points: np.where(points[:, 1:2] > brim, 0.1, 1.0) * SKIN)
     reading = read_off(HEAD, turned(0), lambda points: np.where(points[:, 1] > hat, HAT, _parts(points)))
-    texture = make_texture(shaded, HEAD, fitted(HEAD, turned(0)), CHART, reading)
+    texture = make_texture(shaded, fitted(HEAD, turned(0)), CHART, reading)
     height, face = POINTS[..., 1], CHART.fill_outside(CHART.spread(Zones.of(CHART).face[:, None])[..., 0]) > 0.5
     hidden = SKIN_MASK & face & (height > hat + 0.01)
     assert hidden.sum() > 50
@@ -112,7 +112,7 @@ def test_background_does_not_reach_the_skin() -> None:
     """A fit that is 5 mm too large all round reads the green wall at its rim, at angles that count."""
     photo = photograph(HEAD, turned(0), plain(SKIN))
     larger = (HEAD.mean * np.float32(1.06)).astype(np.float32)
-    texture = make_texture(photo, HEAD, fitted(HEAD, turned(0), larger), CHART)
+    texture = make_texture(photo, fitted(HEAD, turned(0), larger), CHART)
     skin = texture.texture[SKIN_MASK].astype(float) / 255
     assert np.abs(skin - SKIN).max() < 0.06
 
@@ -145,7 +145,7 @@ def test_nothing_seen_is_complete_and_says_so() -> None:
     """The head lies outside the photo: default colours, confidence 0 everywhere."""
     camera = turned(0)
     away = replace(camera, principal_point=np.array([-5000.0, -5000.0]))
-    texture = make_texture(Photo(np.zeros((400, 400, 3), np.uint8)), HEAD, fitted(HEAD, away), CHART)
+    texture = make_texture(Photo(np.zeros((400, 400, 3), np.uint8)), fitted(HEAD, away), CHART)
     _require_sound(texture)
     assert not texture.confidence.any()
     assert texture.visible_fraction == 0
@@ -156,7 +156,7 @@ def test_nothing_seen_is_complete_and_says_so() -> None:
 def test_a_camera_behind_or_within_the_head_gives_finite_maps(depth: float) -> None:
     """Vertices on both sides of the camera project to wild places."""
     camera = replace(turned(0), translation=np.array([0.0, 0.0, depth]))
-    texture = make_texture(Photo(np.full((400, 400, 3), 99, np.uint8)), HEAD, fitted(HEAD, camera), CHART)
+    texture = make_texture(Photo(np.full((400, 400, 3), 99, np.uint8)), fitted(HEAD, camera), CHART)
     _require_sound(texture)
     assert depth > 0 or texture.visible_fraction == 0
 
@@ -166,12 +166,12 @@ def test_zero_area_triangles_are_harmless() -> None:
     vertices = HEAD.mean.copy()
     vertices[: len(vertices) // 4] = vertices[0]
     photo = photograph(HEAD, turned(0), checks)
-    _require_sound(make_texture(photo, HEAD, fitted(HEAD, turned(0), vertices), CHART))
+    _require_sound(make_texture(photo, fitted(HEAD, turned(0), vertices), CHART))
 
 
 def test_face_half_outside_the_photo() -> None:
     camera = replace(turned(0), principal_point=np.array([0.0, 200.0]))
-    texture = make_texture(photograph(HEAD, camera, checks), HEAD, fitted(HEAD, camera), CHART)
+    texture = make_texture(photograph(HEAD, camera, checks), fitted(HEAD, camera), CHART)
     _require_sound(texture)
     seen = (texture.confidence >= SEEN) & SKIN_MASK
     assert POINTS[..., 0][seen].min() > -0.002
@@ -197,4 +197,4 @@ def test_a_fit_that_is_not_finite_is_refused_by_name(field: str) -> None:
     else:
         fit = replace(fit, camera=replace(fit.camera, translation=np.array([0, 0, np.nan])))
     with pytest.raises(NumericFault, match=field):
-        make_texture(Photo(np.zeros((400, 400, 3), np.uint8)), HEAD, fit, CHART)
+        make_texture(Photo(np.zeros((400, 400, 3), np.uint8)), fit, CHART)

@@ -73,8 +73,8 @@ def test_a_hand_of_the_colour_of_skin_is_not_kept() -> None:
         return np.where(points[:, :1] < 0, np.array([[0.85, 0.6, 0.5]]), np.array([[*TONE]]))
 
     photo = photograph(HEAD, CAMERA, half_red)
-    without = make_texture(photo, HEAD, FIT, CHART)
-    with_it = make_texture(photo, HEAD, FIT, CHART, reading=reading(OTHER))
+    without = make_texture(photo, FIT, CHART)
+    with_it = make_texture(photo, FIT, CHART, reading=reading(OTHER))
     # The seen half is mirrored into the other: red goes.
     cheek = np.s_[85:100, 110:125]
     assert with_it.texture[cheek][..., 0].mean() < without.texture[cheek][..., 0].mean() - 5
@@ -100,7 +100,7 @@ def test_a_sliver_of_neck_between_jaw_and_collar_is_not_taken(share: float, long
 
 def test_everything_hidden_still_gives_a_head() -> None:
     """No texel is seen: means over nothing must not become NaN."""
-    texture = make_texture(photograph(HEAD, CAMERA, plain(TONE)), HEAD, FIT, CHART, reading=reading(HAT, False))
+    texture = make_texture(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART, reading=reading(HAT, False))
     assert np.isfinite(texture.shape_normal_object).all() and "little-seen" in texture.warnings
 
 
@@ -129,7 +129,7 @@ def everything(points: Array) -> Mask:
 def made(where: Where, colour: tuple[float, float, float], part: int) -> Texture:
     """The texture of a head of which a place has a colour and is a part; all else is skin."""
     photo = photograph(HEAD, FRONT, lambda p: np.where(where(p)[:, None], colour, TONE))
-    return make_texture(photo, HEAD, FRONT_FIT, CHART, read_off(HEAD, FRONT, lambda p: np.where(where(p), part, SKIN)))
+    return make_texture(photo, FRONT_FIT, CHART, read_off(HEAD, FRONT, lambda p: np.where(where(p), part, SKIN)))
 
 
 def inner(where: Where, texels: int = 4) -> Mask:
@@ -164,7 +164,7 @@ def test_without_a_reading_the_face_is_taken_from_the_photo_and_nothing_else() -
     def paint(points: Array) -> Array:
         return np.where(mask[nearest.query(points)[1]][:, None] < 0.1, (0.1, 0.2, 0.9), TONE)
 
-    texture = make_texture(photograph(HEAD, FRONT, paint), HEAD, FRONT_FIT, CHART)
+    texture = make_texture(photograph(HEAD, FRONT, paint), FRONT_FIT, CHART)
     assert texture.warnings == ("not-segmented",)
     zone = np.zeros(CHART.mask.shape, np.float32)
     zone.ravel()[CHART.texels] = ZONES.face
