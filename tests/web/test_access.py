@@ -27,6 +27,22 @@ def tab_to(page: Page, selector: str) -> None:
     raise AssertionError(f"{selector} cannot be reached by Tab")
 
 
+def test_who_is_quicker_than_the_file_is_read_gets_a_head(fake: Fake, open_page: Opener) -> None:
+    """From a slow disk: the page said that there is no photo, took it up a moment later and did nothing more."""
+    page = open_page(fake.address)
+    page.evaluate("""() => {
+        const read = Blob.prototype.arrayBuffer;
+        Blob.prototype.arrayBuffer = async function () {
+            await new Promise((done) => setTimeout(done, 700));
+            return read.call(this);
+        };
+    }""")
+    page.set_input_files("#file", PHOTO)
+    page.click("#go")
+    page.wait_for_selector("#canvas[data-shows=lit]")
+    assert len(fake.options) == 1
+
+
 def test_keyboard_only(fake: Fake, open_page: Opener) -> None:
     page = open_page(fake.address)
     page.on("filechooser", lambda chooser: None)  # early: on a busy machine the key would come before the listener

@@ -34,10 +34,7 @@ wipe(byId("gallery-wipe"));
 
 byId("intake").addEventListener("submit", (event) => {
   event.preventDefault();
-  const options = intake.options();
-  if (!intake.photos.length) fail({ title: "There is no photo yet", status: 400, detail: "Drop one on the field, or choose one." });
-  else if (options.maps?.length === 0) fail({ title: "No map is chosen", status: 400, detail: "Choose one or more." });
-  else void create(options);
+  void handIn();
 });
 for (const id of ["try", "try-too"]) byId(id).addEventListener("click", () => void trySample());
 byId("cancel").addEventListener("click", () => void cancel());
@@ -50,6 +47,15 @@ byId<HTMLFormElement>("key-form").addEventListener("submit", (event) => {
 });
 window.addEventListener("hashchange", () => void resume());
 void resume();
+
+/** Begins, once the photos that were chosen just now have been looked at: a file may be slow to read. */
+async function handIn(): Promise<void> {
+  await intake.ready();
+  const options = intake.options();
+  if (!intake.photos.length) fail({ title: "There is no photo yet", status: 400, detail: "Drop one on the field, or choose one." });
+  else if (options.maps?.length === 0) fail({ title: "No map is chosen", status: 400, detail: "Choose one or more." });
+  else void create(options);
+}
 
 /** Hands in the photo. The key stays the same over retries, so that a lost answer does not make two jobs. */
 async function create(options: Options, key = newKey()): Promise<void> {

@@ -41,6 +41,7 @@ export class Intake {
   photos: File[] = [];
   private levels: Level[] = [];
   private formats = Object.keys(FORMATS);
+  private reading: Promise<void> = Promise.resolve();
 
   /** `refused` is told of files that are no photos that can be read. */
   constructor(
@@ -73,11 +74,23 @@ export class Intake {
   }
 
   /** Takes those files that are photos that this server reads, whatever their names say, beside those of before. */
-  async choose(files: readonly File[]): Promise<void> {
+  choose(files: readonly File[]): Promise<void> {
+    this.reading = this.reading.then(() => this.sort(files));
+    return this.reading;
+  }
+
+  /** Resolved as soon as all files that were chosen have been looked at. */
+  ready(): Promise<void> {
+    return this.reading;
+  }
+
+  private async sort(files: readonly File[]): Promise<void> {
     const good: File[] = [];
     const bad: string[] = [];
     for (const file of files) {
-      const format = formatOf(new Uint8Array(await file.slice(0, 16).arrayBuffer()));
+      // A file that has gone since it was chosen has no bytes.
+      const start = await file.slice(0, 16).arrayBuffer().catch(() => new ArrayBuffer(0));
+      const format = formatOf(new Uint8Array(start));
       if (format && this.formats.includes(format)) good.push(file);
       else bad.push(format ? `${file.name} is ${FORMATS[format]}, which this server does not read` : `${file.name} is not a photo that can be read`);
     }
