@@ -56,7 +56,7 @@ class Melanin:
         pheomelanin: concentration; 0.35 to 1 with little eumelanin is red.
         fade: relative loss of pigment from root to tip.
         spread: standard deviation of the logarithm of the concentration from strand to strand.
-        grey: share of strands without pigment.
+        grey: share of hairs without pigment; each strand stands for several.
         highlights: share of strands that were lightened, to a quarter of their pigment.
     """
 
