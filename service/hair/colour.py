@@ -21,6 +21,7 @@ from service.colour import luma, srgb_to_linear
 EUMELANIN = np.array([0.419, 0.697, 1.37], np.float32)
 PHEOMELANIN = np.array([0.187, 0.4, 1.05], np.float32)
 """Absorption by unit concentration in red, green and blue."""
+PIGMENTS = np.stack([EUMELANIN, PHEOMELANIN])
 _ROUGH = 0.3
 """Azimuthal roughness of a strand."""
 WIDTH = 5.969 - 0.215 * _ROUGH + 2.532 * _ROUGH**2 - 10.73 * _ROUGH**3 + 5.574 * _ROUGH**4 + 0.245 * _ROUGH**5
@@ -102,10 +103,10 @@ class HairColour:
             return cls(amounts, np.zeros(3, np.float32))
         hairs = max(round(HAIRS / strands), 1)
         white = (rng.binomial(hairs, melanin.grey, strands) / hairs)[:, None, None]
-        bases = np.stack([EUMELANIN, PHEOMELANIN])
         pigment = np.array([melanin.eumelanin, melanin.pheomelanin])
         bare = pigment * min(1.0, GREY / max(float(pigment.sum()), GREY))
-        return as_absorbed((1 - white) * reflected(amounts @ bases) + white * reflected(bare @ bases), dyed_from=0.0)
+        mixed = (1 - white) * reflected(amounts @ PIGMENTS) + white * reflected(bare @ PIGMENTS)
+        return as_absorbed(mixed, dyed_from=0.0)
 
     @property
     def dyed(self) -> bool:
@@ -125,7 +126,7 @@ class HairColour:
         low = np.minimum(at.astype(int), KNOTS - 2)
         part = (at - low).astype(np.float32)[None, :, None]
         amount = self.melanin[:, low] * (1 - part) + self.melanin[:, low + 1] * part
-        return reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN]) + self.dye) + np.float32(self.shine)
+        return reflected(amount @ PIGMENTS + self.dye) + np.float32(self.shine)
 
 
 COLOURS: dict[str, Melanin] = {
@@ -175,21 +176,20 @@ def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, shine: float = 0.
     if np.isfinite(dyed_from) and len(colours):
         usual = np.median(absorbed.reshape(-1, 3), 0)
         amount = np.median(melanin.reshape(-1, 2), 0)
-        nearest, shown = reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN])), reflected(usual)
+        nearest, shown = reflected(amount @ PIGMENTS), reflected(usual)
         left = np.log((nearest + SHINE) / (shown + SHINE))
         bright = float(luma(shown))
         if float(left.max() - left.min()) > dyed_from + DYED_DARK * np.exp(-bright / DARK):
             # Whatever melanin there is absorbs no more than the dyed hair does in any channel.
-            bases = np.stack([EUMELANIN, PHEOMELANIN])
-            most = (usual / np.maximum(amount @ bases, 1e-9)).min()
+            most = (usual / np.maximum(amount @ PIGMENTS, 1e-9)).min()
             melanin = melanin * min(1.0, float(most))
-            dye = np.maximum(usual - np.median(melanin.reshape(-1, 2), 0) @ bases, 0)
+            dye = np.maximum(usual - np.median(melanin.reshape(-1, 2), 0) @ PIGMENTS, 0)
     return HairColour(np.asarray(melanin, np.float32), np.asarray(dye, np.float32), shine=shine)
 
 
 def _as_bright(melanin: Float64, bright: Float32) -> Float64:
     """Concentrations (..., 2) times a factor by which their colour has a luminance (...)."""
-    absorbs = melanin @ np.stack([EUMELANIN, PHEOMELANIN])
+    absorbs = melanin @ PIGMENTS
     low, high = np.full(bright.shape, -2.0), np.full(bright.shape, 2.0)
     for _ in range(12):
         middle = 0.5 * (low + high)
@@ -200,7 +200,7 @@ def _as_bright(melanin: Float64, bright: Float32) -> Float64:
 
 def _melanin(absorbed: Float64) -> Float64:
     """(..., 2) concentrations, at least 0, that come nearest to absorptions (..., 3), relative to each."""
-    bases = np.stack([EUMELANIN, PHEOMELANIN], 1).astype(np.float64)
+    bases = PIGMENTS.T.astype(np.float64)
     scale = 1 / np.maximum(absorbed, 1e-3)
     first, second = bases[:, 0] * scale, bases[:, 1] * scale
     wanted = absorbed * scale

@@ -24,7 +24,7 @@ from service.hair.colour import KNOTS, SHINE, HairColour, as_absorbed, asked_col
 from service.hair.groom import Groom, make_groom
 from service.hair.guides import grow_several, grown
 from service.hair.kinds import GATHERED, KINDS, kinds_of
-from service.hair.reading import CELLS, HairNetwork, HairReading, read_hair
+from service.hair.reading import CELLS, FINE, HairNetwork, HairReading, read_hair
 from service.hair.scalp import Scalp
 from service.hair.shape import fitted, seen_share, upright
 from service.hair.sight import SHOWS, Drawn, Sight, overlap
@@ -182,7 +182,7 @@ def _coloured(
     return replace(found, groom=replace(groom, colour=colour), doubts=doubts, in_photo_light=asked.colour == "auto")
 
 
-PIXELS = 3 * CELLS
+PIXELS = FINE * CELLS
 """Pixels along the square from which colours are taken."""
 LEAST_PIXELS = 150
 """Fewest of them, well within hair, from which its colour is measured: 17 cells."""
@@ -233,7 +233,7 @@ def painted(
     if read is None or sight is None:
         return _guessed(guess, count, rng)
     pixels = bytes_to_linear(sight.region.cut(photo.pixels, PIXELS))
-    told = np.kron(_well_within(read, photo), np.ones((3, 3), np.bool_)) & (pixels.max(-1) < 0.98)
+    told = np.kron(_well_within(read, photo), np.ones((FINE, FINE), np.bool_)) & (pixels.max(-1) < 0.98)
     bright = np.log(np.maximum(luma(pixels), 1e-4))
     inner = told & (pixels.max(-1) > BLACK)
     lit = float(inner.sum()) / max(float(told.sum()), 1.0)

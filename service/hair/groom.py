@@ -19,7 +19,7 @@ from service.geometry.mesh import unit
 from service.geometry.nearest import Nearest
 from service.hair.colour import HairColour
 from service.hair.guides import CLEARANCE_M, GUIDE_POINTS, GUIDES, Combing, groups, grow_several, grown, resampled
-from service.hair.scalp import Roots, Scalp, length_of, mean_scalp
+from service.hair.scalp import Roots, Scalp, gone_along, length_of, mean_scalp
 from service.hair.style import WAVES, Style
 
 NEAR_GUIDES = 3
@@ -166,9 +166,7 @@ def _curled(style: Style, strands: Float32, lock: Int32, rng: np.random.Generato
         np.asarray(np.cos(turn) * across + np.sin(turn) * deep, np.float32),
         np.asarray(np.cos(turn) * deep - np.sin(turn) * across, np.float32),
     )
-    gone = np.concatenate(
-        [np.zeros((len(strands), 1)), np.cumsum(np.linalg.norm(np.diff(strands, axis=1), axis=2), axis=1)], 1
-    )
+    gone = gone_along(strands)
     locks = int(lock.max()) + 1
     pitch = wave.pitch_mm / 1000 * np.exp(rng.normal(0, 0.12, locks))[lock]
     # No more turns than the points can draw.

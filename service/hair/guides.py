@@ -12,7 +12,7 @@ import numpy as np
 
 from service.arrays import Bool, Float32, Int64
 from service.geometry.mesh import unit
-from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp, length_of
+from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp, gone_along, length_of
 from service.hair.style import LOOSE, Style
 from service.hair.style import Combing as Combed
 from service.robust import smoothstep
@@ -457,7 +457,7 @@ def _plaited(tail: Float32, spread: Float32, rng: np.random.Generator) -> Float3
         along = unit(np.gradient(middle, axis=0))
         across = unit(np.cross(along, np.array([0.0, 0.3, 1.0], np.float32)))
         deep = np.cross(along, across)
-        gone = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(middle, axis=0), axis=1))])
+        gone = gone_along(middle[None])[0]
         part = rng.integers(0, 3, len(own))
         phase = 2 * np.pi * (gone[None] / 0.055 + part[:, None] / 3)
         width = 0.011 * (1 - 0.5 * gone / max(float(gone[-1]), 1e-6))
@@ -470,8 +470,7 @@ def _plaited(tail: Float32, spread: Float32, rng: np.random.Generator) -> Float3
 
 def resampled(lines: Float32, share: Float32, points: int) -> Float32:
     """Lines (N, P, 3) as ``points`` points each, evenly along the first ``share`` (N,) of their length."""
-    steps = np.linalg.norm(np.diff(lines, axis=1), axis=2)
-    gone = np.concatenate([np.zeros((len(lines), 1)), np.cumsum(steps, 1)], 1)
+    gone = gone_along(lines)
     wanted = np.linspace(0, 1, points)[None] * (gone[:, -1] * share)[:, None]
     # All lines at once: each is shifted into a range of its own, so that one sorted search finds all places.
     reach = float(gone[:, -1].max(initial=0.0)) + 1.0

@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from service.arrays import AnyFloat, Bool, Float32, Int64
+from service.arrays import AnyFloat, Bool, Float32, Float64, Int64
 from service.geometry.mesh import folded, spread_points, unit, vertex_normals
 from service.geometry.nearest import Nearest
 from service.head.model import HeadModel
@@ -267,6 +267,12 @@ def mean_scalp() -> Scalp:
 def length_of(lines: Float32) -> Float32:
     """(N,) lengths of lines through points (N, P, 3)."""
     return np.asarray(np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(1), np.float32)
+
+
+def gone_along(lines: Float32) -> Float64:
+    """(N, P) length of lines through points (N, P, 3) up to each of these."""
+    steps = np.linalg.norm(np.diff(lines, axis=1), axis=2)
+    return np.concatenate([np.zeros((len(lines), 1)), np.cumsum(steps, 1)], 1)
 
 
 def _distances(triangles: Float32) -> Float32:

@@ -18,7 +18,7 @@ from service.hair.groom import Groom, make_groom
 from service.hair.guides import CLEARANCE_M, DOWN, Combing, bridge, met, recedes, resampled
 from service.hair.outline import to_outline
 from service.hair.reading import CELLS
-from service.hair.scalp import CROWN, Scalp, length_of
+from service.hair.scalp import CROWN, Scalp, gone_along, length_of
 from service.hair.sight import Sight
 from service.hair.style import Style
 from service.image_filters import blurred
@@ -103,7 +103,7 @@ def led_aside(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
     at, depth = sight.project(strands)
     (rows, columns), seen = sight.visible(at, depth)
     crosses = seen & (apart[rows, columns] < ASIDE_CELLS) & np.isfinite(sight.behind[rows, columns])
-    crosses &= blurred(sight.bare, 0.7)[rows, columns] > BARE
+    crosses &= _without_hair(sight)[rows, columns]
     crosses[:, 0] = False
     some = crosses.any(1)
     if not some.any():
@@ -139,6 +139,11 @@ GONE = 0.15
 """Share of a row of hanging hair that the photo shows, below which the row is beyond its ends."""
 
 
+def _without_hair(sight: Sight) -> Bool:
+    """(C, C) cells where the photo surely shows that there is no hair."""
+    return np.asarray(blurred(sight.bare, 0.7) > BARE)
+
+
 def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generator) -> tuple[Float32, Bool]:
     """Strands cut where the photo shows that there is no hair, and which of them are left.
 
@@ -154,9 +159,9 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     if not len(strands):
         return strands, np.zeros(0, bool)
     points = strands.shape[1]
-    bare, _ = sight.read(blurred(sight.bare, 0.7), strands)
-    on_head, _ = sight.read(np.asarray(np.isfinite(sight.behind), np.float32), strands)
-    beyond = (bare > BARE) & ((on_head > 0) | (skin.outside(strands) > NEAR_SKIN_M))
+    cell, seen = sight.visible(*sight.project(strands))
+    on_head = np.isfinite(sight.behind)[cell]
+    beyond = seen & _without_hair(sight)[cell] & (on_head | (skin.outside(strands) > NEAR_SKIN_M))
     # What grows on a nape that is not seen is no stub.
     height = np.maximum(_ends(strands, sight), _bust(strands, sight)) + rng.normal(0, 0.006, len(strands))
     _, shown = sight.visible(*sight.project(strands[:, 0]))
@@ -164,8 +169,7 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     beyond |= (strands[..., 1] < height[:, None]) & (strands[..., 1] < HANGS_BELOW_M)
     cut = beyond.any(1)
     # By length: strands that were moved have their points farther apart in some places than in others.
-    steps = np.linalg.norm(np.diff(strands, axis=1), axis=2)
-    gone = np.concatenate([np.zeros((len(strands), 1)), np.cumsum(steps, 1)], 1)
+    gone = gone_along(strands)
     first, row = beyond.argmax(1), np.arange(len(strands))
     end = np.where(cut, 0.5 * (gone[row, first] + gone[row, np.maximum(first - 1, 0)]), gone[:, -1])
     share = end / np.maximum(gone[:, -1], 1e-9)
@@ -354,7 +358,8 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     for _ in range(FILLINGS):
         groom = filled(groom, sight, skin, rng)
     moved, kept = trimmed(led_aside(groom.strands, sight, skin), sight, skin, rng)
-    kept |= ~np.asarray(sight.read(blurred(sight.bare, 0.7), moved[:, 0])[0] > BARE)  # not on bare skin
+    root, seen = sight.visible(*sight.project(moved[:, 0]))
+    kept |= ~(seen & _without_hair(sight)[root])  # not on bare skin
     moved = np.concatenate([moved[:, :1], skin.over_ears.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)
     return groom, seen_share(groom.strands, sight)

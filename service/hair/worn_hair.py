@@ -12,7 +12,7 @@ from service.colour import bytes_to_linear, linear_to_srgb, luma
 from service.face.fit.fit import Fit
 from service.geometry.mesh import unit
 from service.hair.cards import BUDGETS, PARTS, hair_parts
-from service.hair.colour import DYED, KNOTS, as_absorbed
+from service.hair.colour import DYED, KNOTS, NEUTRAL, as_absorbed
 from service.hair.groom import Groom
 from service.hair.scalp import CENTRE, Scalp
 from service.levels import QualityName
@@ -170,7 +170,7 @@ def mirrored(colour: Float32) -> float:
     return float(AMOUNTS[int(cost.argmin())])
 
 
-GREYED = 0.1, 0.45
+GREYED = 0.1, NEUTRAL
 """Luminance from which on hair is grey, and its saturation, 1 - min / max, up to which it is: brown as fair as this has
 0.75, and blond 0.6."""
 
