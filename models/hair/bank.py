@@ -1,4 +1,4 @@
-"""Makes the bank of styles: ``python -m models.hair.bank [--count 1200] [-o service/data/hair/bank.npz]``."""
+"""Makes the bank of styles: ``python -m models.hair.bank [--count 800] [-o service/data/hair/bank.npz]``."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def view_sight(head: HeadModel, yaw_deg: float, pitch_deg: float) -> Sight:
 
 
 def main(
-    count: Annotated[int, typer.Option(min=1, help="Styles beside the named ones.")] = 1200,
+    count: Annotated[int, typer.Option(min=1, help="Styles beside the named ones.")] = 800,
     output: Annotated[Path, typer.Option("-o", "--output")] = FILE,
 ) -> None:
     """Make it."""

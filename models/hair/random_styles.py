@@ -18,6 +18,9 @@ _CHANCE: Mapping[str, float] = {
 
 STANDS_MM = 45.0
 """Length up to which random hair is combed up."""
+_SHORT_COMBED = (0.33, 0.2, 0.25, 0.15, 0.07)
+"""How often short hair is combed as its kind is, and back, forward, aside and up. Seen from the front, what stands up
+looks as what is combed back does, and is rarer."""
 _ENDS: Mapping[str, tuple[float, float]] = {
     "bob": (-0.175, -0.055), "curly": (-0.26, -0.06), "long_wavy": (-0.42, -0.17)
 }  # fmt: skip
@@ -60,7 +63,7 @@ def sample_style(seed: int, chance: Mapping[str, float] = _CHANCE) -> Style:
         changes["curl"] = str(rng.choice(["4a", "4b", "4c"]))
     elif base.kind in ("crop", "side_part", "slicked_back"):
         changes["curl"] = str(rng.choice(["1", "1", "1", "2a", "3b", "4a"]))
-        changes["combing"] = str(rng.choice([base.combing, base.combing, "up", "forward", "forward", "side"]))
+        changes["combing"] = str(rng.choice([base.combing, "back", "forward", "side", "up"], p=_SHORT_COMBED))
         if changes["combing"] == "up":  # longer hair does not stand by itself
             changes |= {name: min(float(str(changes[name])), STANDS_MM) for name in ("top_mm", "fringe_mm")}
         if changes["combing"] == "forward" and base.kind != "crop":  # hangs over the forehead
