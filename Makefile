@@ -81,7 +81,7 @@ lock: $(DEVELOPMENT) ## Resolve the newest allowed versions into requirements.lo
 	$(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
 		--upgrade --no-annotate --no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" \
 		--quiet --output-file requirements.lock
-	for part in base s3 heic otel; do extra=; [ $$part = base ] || extra="--extra $$part"; \
+	for part in base s3 heic; do extra=; [ $$part = base ] || extra="--extra $$part"; \
 		$(BIN)/uv pip compile pyproject.toml $$extra --constraint requirements.lock --python-version 3.11 \
 		--python-platform x86_64-manylinux_2_28 --generate-hashes --only-binary :all: --no-annotate \
 		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" \

@@ -44,13 +44,7 @@ class FaceNetworks(Loaded):
     """
 
     def __init__(self, options: Options, head: Path | None = None, maps: Callable[[], Ahead] | None = None) -> None:
-        """Begin to load.
-
-        Args:
-            options: of the run, as far as they are known.
-            head: head model to fit; None for the one in the box.
-            maps: begins to load the networks of maps, too.
-        """
+        """Begin to load what a run with these options needs; ``maps`` begins to load the networks of maps, too."""
         few_heaps()
         self.reads = options.fit != "landmarks" and installed(READERS)
         kinds = [FINDER, RECOGNISER, *([READER, HAIR] if self.reads else [])]

@@ -69,9 +69,7 @@ def within_budget(
 ) -> tuple[Options, tuple[WarningCode, ...]]:
     """Options with the level that the budget allows, and warnings; unchanged without a budget.
 
-    Raises:
-        ModelFault: a network is missing or changed.
-        UsageError: the runtime that is asked for is not there.
+    ModelFault: a network is missing or changed. UsageError: the runtime that is asked for is not there.
     """
     if options.budget is None or not options.plan().stages:
         return options, ()

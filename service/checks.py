@@ -32,11 +32,9 @@ class Checked:
     """Base of dataclasses that are checked when they are made, from keywords or from the values of a JSON object.
 
     Derived classes are dataclasses of pydantic too, with ``config=CHECKED``. Their types say what is accepted, with
-    ``Strict`` where nothing may be converted; a list is accepted for a tuple. A validator may raise :class:`UsageError`
-    itself where it knows better words.
-
-    Raises:
-        UsageError: a value or a name is not accepted; names the field, the value and what would be right.
+    ``Strict`` where nothing may be converted; a list is accepted for a tuple. What is not accepted is a
+    :class:`UsageError` that names the field, the value and what would be right; a validator may raise one itself where
+    it knows better words.
     """
 
     __pydantic_config__: ClassVar[ConfigDict]
@@ -67,12 +65,8 @@ def _refusal(kind: type, given: Any, error: ValidationError) -> UsageError:
 def refused(error: ValidationError, kind: type, what: str = "") -> UsageError:
     """The first fault that pydantic found in nested values, such as a scene; ``field`` is its place, as in a URL.
 
-    A name that does not exist comes first: it is why another one is missing.
-
-    Args:
-        error: of pydantic.
-        kind: dataclass of the whole.
-        what: name of the whole, where it is not the first part of the place.
+    A name that does not exist comes first: it is why another one is missing. ``kind`` is the dataclass of the whole,
+    and ``what`` its name, where that is not the first part of the place.
     """
     faults = error.errors(include_url=False)
     fault = next((one for one in faults if one["type"] == UNKNOWN), faults[0])

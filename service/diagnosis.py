@@ -61,8 +61,7 @@ def runtimes() -> list[str]:
 def shipped_files(folder: Path = DATA) -> dict[str, str]:
     """The data files of this version: path relative to the data folder, and hex sha256.
 
-    Raises:
-        ModelFault: the list itself is missing or a line of it is not ``<sha256>  <path>``.
+    ModelFault: the list itself is missing or a line of it is not ``<sha256>  <path>``.
     """
     try:
         lines = (folder / SUMS).read_text("utf-8").splitlines()
@@ -78,11 +77,7 @@ def shipped_files(folder: Path = DATA) -> dict[str, str]:
 
 
 def data_faults(folder: Path = DATA) -> list[str]:
-    """One sentence for each data file that is missing or differs from the shipped one.
-
-    Raises:
-        ModelFault: as :func:`shipped_files`.
-    """
+    """One sentence for each data file that is missing or not the shipped one; raises as :func:`shipped_files`."""
     faults = []
     for path, shipped in shipped_files(folder).items():
         try:

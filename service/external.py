@@ -29,6 +29,7 @@ from service.geometry.chart import NO_PART, Chart, nearest_inside
 from service.geometry.nearest import Nearest
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.image_filters import resized
 from service.levels import TEXTURE_SIZE
 from service.manifest import Given
 from service.options import Options, default_maps
@@ -69,13 +70,7 @@ def vertices_of(data: bytes, kind: str, head: HeadModel) -> Float32:
     Each vertex is found by its texture coordinates, of which no two of the chart are the same. So vertices and faces
     may come in any order, split along seams and into triangles, as each format and exporter has it.
 
-    Args:
-        data: the file.
-        kind: its format, as :func:`mesh_type` gives it.
-        head: the head model.
-
-    Raises:
-        BadMesh: it cannot be read, its chart or topology is not that of the model, or it is not in metres; says how.
+    BadMesh: it cannot be read, its chart or topology is not that of the model, or it is not in metres; says how.
     """
     points, uv, triangles = _read_mesh(data, kind)
     distance, row = Nearest(head.uv).one(uv)
@@ -115,8 +110,7 @@ def vertices_of(data: bytes, kind: str, head: HeadModel) -> Float32:
 def _read_mesh(data: bytes, kind: str) -> tuple[Float64, Float64, Int64]:
     """(P, 3) points, (P, 2) texture coordinates with the origin bottom left, and (T, 3) triangles of a mesh file.
 
-    Raises:
-        BadMesh: it cannot be read, has no faces, or faces without texture coordinates.
+    BadMesh: it cannot be read, has no faces, or faces without texture coordinates.
     """
     import trimesh
 
@@ -147,11 +141,7 @@ def _read_mesh(data: bytes, kind: str) -> tuple[Float64, Float64, Int64]:
 
 
 def _check_faces(triangles: Int64, head: HeadModel) -> None:
-    """Check that triangles (T, 3) of the model's vertices have all its edges; quads may be split either way.
-
-    Raises:
-        BadMesh: they have not.
-    """
+    """BadMesh where triangles (T, 3) of the model's vertices lack one of its edges; quads may be split either way."""
     sides = [(0, 1), (1, 2), (2, 0)]
     have = np.concatenate([triangles[:, pair] for pair in sides])
     polygons = np.asarray(head.polygons, np.int64)
@@ -206,9 +196,7 @@ def make_external(
 
     Raises:
         UsageError: a map is requested that only a photo gives.
-        BadMesh: the mesh is not on the model's topology and chart.
-        UnreadableInput: the texture cannot be decoded.
-        BadAspect: the texture is not 3:2.
+        BadMesh, UnreadableInput, BadAspect: the mesh or the texture cannot be used.
         AvatarError: a stage fails.
     """
     refused = [name for name in options.maps if name in NOT_MADE]
@@ -269,11 +257,7 @@ def unfitted(head: HeadModel, vertices: Float32) -> Fit:
 
 
 def check_aspect(width: int, height: int) -> None:
-    """Check that a texture is 3:2, to the pixel.
-
-    Raises:
-        BadAspect: it is not; states the size and the nearest valid one.
-    """
+    """BadAspect where a texture is not 3:2, to the pixel; states the size and the nearest valid one."""
     if abs(2 * width - 3 * height) > 3:
         raise BadAspect(
             f"the texture is {width} x {height} pixels; the chart is 3:2, for example {width} x {round(width * 2 / 3)}",
@@ -283,14 +267,9 @@ def check_aspect(width: int, height: int) -> None:
 
 def _resized(pixels: UInt8, size: tuple[int, int]) -> UInt8:
     """(H, W, 3) resized to the width of ``size``, as a multiple of 3, and 2/3 of it: by area down, linearly up."""
-    import cv2
-
-    width = size[0] // 3 * 3
-    wanted = (width, width // 3 * 2)
-    if wanted == (pixels.shape[1], pixels.shape[0]):
-        return pixels
-    way = cv2.INTER_AREA if width < pixels.shape[1] else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(pixels, wanted, interpolation=way), np.uint8)
+    thirds = size[0] // 3
+    wanted = (3 * thirds, 2 * thirds)
+    return pixels if wanted == pixels.shape[1::-1] else resized(pixels, wanted)
 
 
 def _padded(subject: Subject, pixels: UInt8) -> UInt8:

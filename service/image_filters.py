@@ -99,14 +99,8 @@ def least(image: Image) -> npt.NDArray[np.floating]:
 def marked_columns(marked: Bool, size: tuple[int, int], rows: slice, grid: int = 1) -> tuple[int, int] | None:
     """First column, and column after the last, of a map of (width, height) that marks can reach within some rows.
 
-    Args:
-        marked: (h, w) of the same chart, coarser than the map.
-        size: of the map.
-        rows: of the map.
-        grid: what the columns are rounded to, outwards.
-
-    Returns:
-        None where there are no marks.
+    The marks (h, w) are of the same chart, coarser than the map; columns are rounded to a ``grid``, outwards. None
+    where there are no marks.
     """
     down, across = marked.shape[0] / size[1], size[0] / marked.shape[1]
     part = marked[max(int(rows.start * down) - 1, 0) : int(np.ceil(rows.stop * down)) + 1]

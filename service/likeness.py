@@ -34,16 +34,10 @@ def likeness(
     photo: Photo, face: Face, head: HeadModel, fit: Fit, texture: UInt8, recogniser: Recogniser,
     parts: Sequence[MeshPart] = (),
 ) -> IdentitySimilarity:  # fmt: skip
-    """Distance and centred cosine between the photo and a frontal render of the textured head.
+    """Distance and centred cosine between the photo, with the face's landmarks in it, and a frontal render of the head.
 
-    Args:
-        photo: what the head was made from.
-        face: its landmarks in that photo.
-        head: the head model.
-        fit: the fitted head.
-        texture: (h, w, 3) uint8 sRGB on the chart.
-        recogniser: the identity network.
-        parts: hair and the like, coloured as in the photo's light.
+    The texture is (h, w, 3) uint8 sRGB on the chart; ``parts``, hair and the like, are coloured as in the photo's
+    light.
     """
     camera = turned_camera(fit.vertices, 0.0, *SIZE)
     colours = bytes_to_linear(texture)

@@ -450,8 +450,7 @@ class Manifest(_Strict):
 def to_json(manifest: Manifest) -> bytes:
     """UTF-8 JSON, indented, keys in the order of the classes, newline at the end.
 
-    Raises:
-        NumericFault: a number is NaN or infinite; the message names where.
+    NumericFault: a number is NaN or infinite; the message names where.
     """
     content = dataclasses.asdict(manifest)
     try:

@@ -244,14 +244,8 @@ def parse_without(text: str) -> tuple[str, ...]:
 
 
 def parse_size(text: str, name: str = "size") -> tuple[int, int]:
-    """``"576x384"`` -> (576, 384).
-
-    Args:
-        text: what was written.
-        name: option that it is the value of.
-
-    Raises:
-        UsageError: the text is not two whole numbers with an x between.
+    """``"576x384"`` -> (576, 384), of the option ``name``; UsageError where it is not two whole numbers with an x
+    between.
     """
     width, cross, height = text.strip(SPACES).lower().partition("x")
     if not cross or not _digits(width) or not _digits(height):
@@ -260,20 +254,12 @@ def parse_size(text: str, name: str = "size") -> tuple[int, int]:
 
 
 def parse_texture_size(text: str) -> tuple[int, int] | Literal["auto"]:
-    """``"auto"`` or a size.
-
-    Raises:
-        UsageError: it is neither.
-    """
+    """``"auto"`` or a size; UsageError where it is neither."""
     return "auto" if text.strip(SPACES).lower() == "auto" else parse_size(text, "texture_size")
 
 
 def parse_face(text: str) -> int | Literal["largest"]:
-    """``"largest"`` or an index.
-
-    Raises:
-        UsageError: it is neither.
-    """
+    """``"largest"`` or an index; UsageError where it is neither."""
     bare = text.strip(SPACES)
     if bare.lower() == "largest":
         return "largest"

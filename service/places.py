@@ -43,8 +43,7 @@ class StoreFault(OSError):
 def translated(*, missing: bool = True) -> Iterator[None]:
     """Whatever a library raises for a store leaves as :class:`StoreFault`.
 
-    Args:
-        missing: what is not there is no fault, and leaves as FileNotFoundError.
+    With ``missing``, what is not there is no fault, and leaves as FileNotFoundError.
     """
     try:
         yield
@@ -95,16 +94,11 @@ class Place:
     """A folder here or far away; names of files are below it. Each call may raise OSError, of a store StoreFault.
 
     The library of a store is led there by its own variables (``AWS_ENDPOINT_URL``, ``AWS_ACCESS_KEY_ID`` ...).
-
-    Args:
-        address: path, or URL for fsspec.
+    ImportError, ValueError: fsspec needs a package for this kind of store, or does not know it.
 
     Attributes:
         address: absolute path or URL, the same for every machine.
         folder: the folder on this machine (or on a disk that several share), None for a store.
-
-    Raises:
-        ImportError, ValueError: fsspec needs a package for this kind of store, or does not know it.
     """
 
     def __init__(self, address: str | Path) -> None:
@@ -287,10 +281,8 @@ class Place:
 
 
 def place(address: str) -> Place:
-    """The place of an address.
-
-    Raises:
-        UsageError: fsspec does not know this kind of store, or a package for it is missing.
+    """The place of an address; UsageError where fsspec does not know this kind of store, or a package for it is
+    missing.
     """
     try:
         return Place(address)

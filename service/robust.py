@@ -13,13 +13,8 @@ def geman_mcclure(residual: Float64, scale: Float64 | float) -> Float64:
 
 
 def agreement(values: Float32, weights: Float32, shown: Bool, scale: float) -> Float32:
-    """(K, ...) in (0, 1] how near each of K witnesses is to the middle of them; 1 where fewer than three are shown.
-
-    Args:
-        values: (K, ...) what each says.
-        weights: (K, ...) at least 0, of the weighted median.
-        shown: (K, ...) who says anything.
-        scale: distance from the median at which a witness counts a quarter.
+    """(K, ...) in (0, 1] how near what each of K witnesses says is to the weighted median; 1 where fewer than three say
+    anything (``shown``). At a distance of ``scale`` from the median a witness counts a quarter.
     """
     order = np.argsort(values, axis=0)
     ordered, share = np.take_along_axis(values, order, 0), np.take_along_axis(weights, order, 0)

@@ -25,11 +25,7 @@ class Canvas:
     """A square picture; texels that no face covers take the colour of the nearest one that is covered."""
 
     def __init__(self, size: int) -> None:
-        """Empty.
-
-        Args:
-            size: of a side, texels.
-        """
+        """Empty, with sides of so many texels."""
         self.size = size
         self.colour: Float32 = np.zeros((size * size, 3), np.float32)
         self.covered = np.zeros(size * size, bool)
@@ -37,11 +33,8 @@ class Canvas:
     def texels(self, uv: AnyFloat, uv_faces: AnyInt, faces: AnyInt, values: AnyFloat) -> tuple[Int64, Float64]:
         """(n,) texels that faces cover, row by row, and (n, C) the values (N, C) of their vertices there.
 
-        Args:
-            uv: (U, 2) origin bottom left.
-            uv_faces: (F, 3) or (F, 4) indices into uv.
-            faces: the same into values.
-            values: (N, C).
+        ``uv_faces`` (F, 3) or (F, 4) are indices into ``uv`` (U, 2), origin bottom left; ``faces`` the same into the
+        values.
         """
         places, corners = split_polygons(uv_faces), split_polygons(faces)
         flat = np.stack([uv[:, 0] * self.size, (1 - uv[:, 1]) * self.size], 1).astype(np.float64)
@@ -67,12 +60,8 @@ class Canvas:
 
 
 def smooth_noise(places: AnyFloat, scales: Sequence[float], seed: int) -> Float32:
-    """(N,) smooth noise about 0 with a standard deviation near 0.5, of points (N, 3): waves of random directions.
-
-    Args:
-        places: in mm.
-        scales: wave numbers in radians per mm.
-        seed: of directions and phases.
+    """(N,) smooth noise about 0 with a standard deviation near 0.5, of points (N, 3) mm: waves of random directions,
+    with wave numbers ``scales`` in radians per mm.
     """
     random, total, at = np.random.default_rng(seed), np.zeros(len(places), np.float32), np.asarray(places, np.float32)
     waves = 6

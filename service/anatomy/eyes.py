@@ -51,13 +51,8 @@ CORNER_SHADE = ((0.45, 1.0), (0.85, 0.75))
 def paint_eye(angle: Float32, limbus: float, pupil: float, iris: Float32) -> Float32:
     """(N, 3) sRGB of an eyeball by the angle (N,) in degrees from its line of sight.
 
-    Pupil, iris with a dark limbus, sclera that reddens towards the socket.
-
-    Args:
-        angle: (N,) degrees.
-        limbus: angle of the iris's rim, degrees.
-        pupil: angle of the pupil's rim, degrees.
-        iris: (3,) linear albedo.
+    Pupil, iris of a linear albedo (3,) with a dark limbus, sclera that reddens towards the socket; ``limbus`` and
+    ``pupil`` are the angles of their rims, degrees.
     """
     sclera, coded, socket = (linear_to_srgb(colour) for colour in (SCLERA, iris, SOCKET))
     colour = np.broadcast_to(coded, (len(angle), 3)) * (1 + 0.25 * _blend(angle, 0.9 * limbus, 0.4 * limbus))
@@ -124,12 +119,7 @@ class DrawnEye:
 
 
 def eye_albedo(eye: DrawnEye, iris: Float32) -> Float32:
-    """(N, 3) linear albedo of an eye.
-
-    Args:
-        eye: where its texels lie.
-        iris: (3,) linear albedo.
-    """
+    """(N, 3) linear albedo of an eye with an iris of linear albedo (3,)."""
     # The same seed for both eyes: a person's are alike.
     random = np.random.default_rng(np.rint(linear_to_srgb(iris) * 255).astype(int))
     painted = paint_eye(eye.radius * eye.limbus, eye.limbus, eye.pupil, iris)
@@ -199,13 +189,11 @@ CARUNCLE, LID_MARGIN = (0.43, 0.20, 0.17), (0.48, 0.28, 0.24)
 
 
 def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None, step: int = 1) -> tuple[MeshPart, ...]:
-    """Both eyes; nothing for a head without two eyeballs.
+    """Both eyes, of the head's topology, chart and units and the fit's vertices; nothing for a head without two
+    eyeballs.
 
-    Args:
-        head: topology, chart and units.
-        fit: vertices of the head.
-        iris: (3,) linear albedo of the irises; None: the most frequent.
-        step: by which the sides of the pictures are divided.
+    ``iris`` is the (3,) linear albedo of the irises, None: the most frequent; sides of pictures are divided by
+    ``step``.
     """
     if not all(len(part_vertices(head, f"eye_{side}")) for side in SIDES):
         return ()
@@ -252,10 +240,7 @@ def globe(ball: Eyeball) -> tuple[Float64, Int32, Float32]:
 def eye_picture(head: HeadModel, iris: Float32, size: int = SIZE) -> UInt8:
     """(size, size, 3) uint8 sRGB of an eye seen along its line of sight, opened out to the back.
 
-    Args:
-        head: of whose left eye the angles of iris and pupil are.
-        iris: (3,) linear albedo.
-        size: of a side, texels.
+    The angles of iris, of linear albedo (3,), and pupil are those of the head's left eye.
     """
     ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
     limbus = np.radians(ball.limbus_deg)
@@ -277,11 +262,8 @@ def eye_picture(head: HeadModel, iris: Float32, size: int = SIZE) -> UInt8:
 
 
 def surface_picture(head: HeadModel, size: int = RELIEF_SIZE) -> UInt8:
-    """(size, size, 3) uint8 normals of cornea and tear film about those of the ball's mesh, 128 + 127 n.
-
-    Args:
-        head: of whose left eye the cornea is.
-        size: of a side, texels.
+    """(size, size, 3) uint8 normals of cornea and tear film, those of the head's left eye, about those of the ball's
+    mesh, 128 + 127 n.
     """
     ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
     points, faces, uv = globe(ball)

@@ -71,12 +71,10 @@ def crown_share(points: AnyFloat, vertices: AnyFloat, *, upper: bool) -> Float32
 
 
 def biting_height(points: AnyFloat, vertices: AnyFloat, *, upper: bool) -> Float64:
-    """(N,) metres from the incisal edge towards the gum.
+    """(N,) metres from the incisal edge towards the gum, of points (N, 3) metres on the ``upper`` or lower row of
+    teeth.
 
-    Args:
-        points: (N, 3) metres on a row of teeth.
-        vertices: (M, 3) metres of that row; its edge near a point is the lowest of them (upper row) or the highest.
-        upper: whether it is the upper row.
+    The edge near a point is the lowest of the row's vertices (M, 3) metres (upper row) or the highest.
     """
     sign = 1.0 if upper else -1.0
     distance = np.linalg.norm(points[:, None, [0, 2]] - vertices[None, :, [0, 2]], axis=2)
@@ -167,11 +165,7 @@ ROOT = 0.35
 def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None, step: int = 1) -> tuple[MeshPart, ...]:
     """Teeth, gums and tongue; nothing for a head that they were not made for.
 
-    Args:
-        head: topology, chart and units.
-        fit: vertices of the head.
-        tooth: (3,) linear albedo of the teeth; None: the usual one.
-        step: by which the sides of the pictures are divided.
+    ``tooth`` is the (3,) linear albedo of the teeth, None: the usual one; sides of pictures are divided by ``step``.
     """
     insets = read_insets()
     if not fits(insets, head):
@@ -199,11 +193,8 @@ def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None, step: int = 1)
 def too_near(rows: list[Inset], offsets: AnyFloat) -> float:
     """Metres by which the lower of both rows is nearer to the upper one than in the mean head: in all but a twentieth.
 
-    Features of a face move jaw and palate, each by itself, and rows that are carried along would cross.
-
-    Args:
-        rows: upper and lower row.
-        offsets: (V, 3) metres, the neutral head less the mean one.
+    Features of a face move jaw and palate, each by itself, and rows that are carried along would cross. Offsets (V, 3)
+    metres are those of the neutral head from the mean one.
     """
     upper, lower = rows
     above = Nearest(upper.rest[:, ::2]).one(lower.rest[:, ::2])[1]
@@ -212,13 +203,7 @@ def too_near(rows: list[Inset], offsets: AnyFloat) -> float:
 
 
 def teeth_picture(rows: list[Inset], tooth: Float32, size: int = SIZE) -> UInt8:
-    """(size, size, 3) uint8 sRGB of both rows on their common picture.
-
-    Args:
-        rows: upper and lower row.
-        tooth: (3,) linear albedo.
-        size: of a side, texels.
-    """
+    """(size, size, 3) uint8 sRGB of the upper and lower row, of linear albedo (3,), on their common picture."""
     canvas = Canvas(size)
     for row in rows:
         at, values = canvas.texels(row.uv, row.uv_faces, row.faces, np.c_[row.along, row.shade, row.rest * 1e3])

@@ -93,11 +93,7 @@ def _overlap(shown: Bool, item: Item, moved: Float32, fit: Fit, reading: Reading
 def worn(head: HeadModel, fit: Fit, texture: UInt8, brows: Brows | None) -> tuple[MeshPart, ...]:
     """Meshes beside the head's own and its hair, in the photo's light; none for a head that they were not made for.
 
-    Args:
-        head: topology, chart and units.
-        fit: vertices of the head.
-        texture: (h, w, 3) uint8 sRGB on the chart, in the photo's light.
-        brows: of the photo; None for no brows as cards.
+    The texture is (h, w, 3) uint8 sRGB on the chart, in the photo's light; brows of None are none as cards.
     """
     parts = (
         bust_part(head, fit, texture),
@@ -110,14 +106,9 @@ def worn(head: HeadModel, fit: Fit, texture: UInt8, brows: Brows | None) -> tupl
 def in_albedo(
     parts: tuple[MeshPart, ...], brows: Brows | None, head: HeadModel, albedo: UInt8, light: Float32
 ) -> tuple[MeshPart, ...]:
-    """The meshes of :func:`worn` without the photo's light; all others as they are.
+    """The meshes of :func:`worn`, with its brows, without the photo's light; all others as they are.
 
-    Args:
-        parts: as it gives them.
-        brows: as it had them.
-        head: topology and chart.
-        albedo: (h, w, 3) uint8 sRGB, of the skin.
-        light: (3,) factors from colours in the photo's light to albedo, :func:`to_albedo`.
+    ``albedo`` (h, w, 3) uint8 sRGB is the skin's; ``light`` (3,) the factors to it, :func:`to_albedo`.
     """
     items = read_items().items
     unlit = []
@@ -189,12 +180,8 @@ def bust_colours(head: HeadModel, chart_colours: UInt8) -> UInt8 | None:
 
 
 def bust_part(head: HeadModel, fit: Fit, chart_colours: UInt8) -> MeshPart | None:
-    """Neck and shoulders below the head; None for a head that they were not made for.
-
-    Args:
-        head: topology, chart and units.
-        fit: vertices of the head.
-        chart_colours: (h, w, 3) uint8 sRGB on the chart, albedo or texture.
+    """Neck and shoulders below the head, in colours (h, w, 3) uint8 sRGB of the chart, albedo or texture; None for a
+    head that they were not made for.
     """
     items, picture = read_items(), bust_colours(head, chart_colours)
     if picture is None:

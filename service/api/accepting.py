@@ -48,8 +48,7 @@ def no_room(full: NoRoom) -> HttpProblem:
 def erase(context: Context, job: str, tenant: Tenant, kind: str) -> None:
     """Cancel a tenant's job that is unfinished, erase one that has ended; with the pictures made from it.
 
-    Raises:
-        HttpProblem: there is no such job, or it belongs to somebody else.
+    HttpProblem: there is no such job, or it belongs to somebody else.
     """
     row = context.job(job, tenant, kind, gone=True)
     expires = now() + context.settings.result_hours * 3600
@@ -68,18 +67,10 @@ def sweep(context: Context, job: str) -> None:
 _MAX_KEY = 255
 
 
-async def accept(context: Context, tenant: Tenant, key: str | None, upload: Upload, trace: str | None) -> Row:
-    """The job of a photo that has arrived: a new one, or the one that its key belongs to.
+async def accept(context: Context, tenant: Tenant, key: str | None, upload: Upload) -> Row:
+    """The job of a photo that has arrived: a new one, or the one that its ``key`` (:func:`sent_key`) belongs to.
 
-    Args:
-        context: of the application.
-        tenant: who sent it.
-        key: of :func:`sent_key`.
-        upload: the photo and what was said beside it.
-        trace: header ``traceparent``.
-
-    Raises:
-        HttpProblem, AvatarError: the photo cannot be used, a value is not possible, or the tenant may have no more.
+    HttpProblem, AvatarError: the photo cannot be used, a value is not possible, or the tenant may have no more.
     """
     options = upload.options.to_json()
     private = context.settings.webhook_private
@@ -104,7 +95,7 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
     new = NewJob(
         id=job, tenant=tenant.name, options=options, photo=artifact_name(job, "photo", upload.sha256, "bin"),
         photo_sha256=upload.sha256, photo_bytes=upload.size, keep_photo=upload.keep_photo, key=key, digest=digest,
-        priority=upload.priority, metadata=upload.metadata, trace=trace, webhook=upload.webhook_url or None,
+        priority=upload.priority, metadata=upload.metadata, webhook=upload.webhook_url or None,
     )  # fmt: skip
     return await run_in_threadpool(_store, context, new, upload.path, bounds_of(context, tenant))
 
@@ -112,8 +103,7 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
 def _of_each(upload: Upload, work: Callable[[bytes], T]) -> list[T]:
     """What comes of each photo of an upload, one after the other; a video is looked at by the job.
 
-    Raises:
-        UnreadableInput: what one of several is refused for has its number, from 0, in ``extra["photo"]``.
+    What one of several is refused for (UnreadableInput) has its number, from 0, in ``extra["photo"]``.
     """
     photos, results = unbundled(upload.path.read_bytes()), []
     for number, photo in enumerate(photos):
@@ -144,10 +134,8 @@ def _store(context: Context, new: NewJob, path: Path, bounds: Bounds) -> Row:
 
 
 def admit(context: Context, tenant: Tenant, key: str | None) -> None:
-    """Refuse at the door what could not be done.
-
-    Raises:
-        HttpProblem: the server is shutting down, or it or its disk is full, or the tenant's quota is used up.
+    """Refuse at the door what could not be done: HttpProblem where the server is shutting down, it or its disk is full,
+    or the tenant's quota is used up.
     """
     if context.draining.is_set():
         raise HttpProblem("draining", 503, headers={"Retry-After": "10"})
@@ -163,13 +151,10 @@ def admit(context: Context, tenant: Tenant, key: str | None) -> None:
 
 @contextlib.contextmanager
 def upload_place(context: Context, tenant: Tenant) -> Iterator[None]:
-    """One of the uploads that are received at the same time.
+    """One of the uploads that are received at the same time; HttpProblem where there are as many as there may be.
 
     Where there are keys, a tenant gets at most half of the places that the others leave, so that there is always one
     for somebody else.
-
-    Raises:
-        HttpProblem: there are as many as there may be.
     """
     own, left = context.uploads[tenant.name], context.settings.uploads - context.uploads.total()
     if left < 1 or (context.keys and own >= left):
@@ -199,11 +184,7 @@ def _digest(upload: Upload, options: dict[str, Any]) -> str:
 
 
 def sent_key(request: Request) -> str | None:
-    """The header of that name, None without one.
-
-    Raises:
-        HttpProblem: it is none that can be kept.
-    """
+    """The header of that name, None without one; HttpProblem where it is none that can be kept."""
     key = request.headers.get("idempotency-key")
     if key is None:
         return None

@@ -20,7 +20,6 @@ from service.api.openapi import Job, JobPage, State
 from service.api.problem_responses import HttpProblem
 from service.api.uploads import QUERY, received
 from service.jobs.store import Row
-from service.jobs.telemetry import traceparent
 from service.jobs.view import FINAL, job_json
 
 log = logging.getLogger(__name__)
@@ -52,7 +51,7 @@ async def post(request: Request, tenant: Asking, context: Here) -> Response:
     await run_in_threadpool(admit, context, tenant, key)
     with upload_place(context, tenant):
         async with received(request, context.settings, context.limits.max_bytes) as upload:
-            row = await accept(context, tenant, key, upload, traceparent(request.headers))
+            row = await accept(context, tenant, key, upload)
     body = job_json(row)
     return Json(body, 202, {"Location": body["links"]["self"], "Retry-After": "1"})
 

@@ -50,11 +50,8 @@ class Json(JSONResponse):
 
 
 class Watcher:
-    """Wakes listeners when their job has new events, or when the keys have changed.
-
-    Args:
-        store: where jobs are looked up; those that nobody listens to are not.
-        keys: looked at as often.
+    """Wakes listeners when their job has new events, or when the keys have changed; jobs of no listener are not looked
+    up.
     """
 
     def __init__(self, store: Store, keys: Keys) -> None:
@@ -117,12 +114,7 @@ FRESH = 20.0
 class Context:
     """What requests are answered with: settings, database, files.
 
-    Args:
-        settings: of the server.
-
-    Raises:
-        UsageError: the file of keys is unusable.
-        sqlalchemy.exc.SQLAlchemyError: the database cannot be reached.
+    UsageError: the file of keys is unusable. SQLAlchemyError: the database cannot be reached.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -144,16 +136,9 @@ class Context:
         self._workers: tuple[float, list[dict[str, object]]] = (float("-inf"), [])
 
     def job(self, job: str, tenant: Tenant, kind: str = "avatar", *, gone: bool = False) -> Row:
-        """The row of a tenant's job.
+        """The row of a tenant's job; with ``gone`` also of one that has expired or was erased.
 
-        Args:
-            job: its id, as a stranger says it.
-            tenant: who asks.
-            kind: of the job.
-            gone: also one that has expired or was erased.
-
-        Raises:
-            HttpProblem: there is none, or it belongs to somebody else, which is the same to the caller; or it is gone.
+        HttpProblem: there is none, or it belongs to somebody else, which is the same to the caller; or it is gone.
         """
         row = self.store.get(job) if JOB_ID.match(job) else None
         if row is None or row["tenant"] != tenant.name or row["kind"] != kind:
@@ -185,11 +170,7 @@ async def context_of(connection: HTTPConnection) -> Context:
 
 
 async def tenant_of(connection: HTTPConnection) -> Tenant:
-    """Who sent a request.
-
-    Raises:
-        HttpProblem: nobody whom this server knows.
-    """
+    """Who sent a request; HttpProblem where it is nobody whom this server knows."""
     tenant = (await context_of(connection)).keys.tenant(connection.headers)
     if tenant is None:
         raise HttpProblem("unauthorized", 401, headers={"WWW-Authenticate": "Bearer"})

@@ -65,11 +65,7 @@ class DecodingMemory:
 
     @contextlib.asynccontextmanager
     async def taken(self, cost: int, tenant: str = "") -> AsyncIterator[None]:
-        """Hold ``cost`` bytes, as soon as they are free.
-
-        Raises:
-            HttpProblem: there never are so many.
-        """
+        """Hold ``cost`` bytes, as soon as they are free; HttpProblem where there never are so many."""
         if cost > self.total:
             words = f"decoding this photo takes {cost // MIB} MiB of memory, and this server has {self.total // MIB}"
             raise HttpProblem(
@@ -110,21 +106,15 @@ class DecodingMemory:
 
 
 def budget(memory: int, stated_mb: int) -> int:
-    """Bytes for decoding on a machine or in a container with so many.
+    """Bytes for decoding on a machine or in a container with so many in all.
 
-    Args:
-        memory: bytes of all.
-        stated_mb: setting ``decode_mb``; 0 for what is left beside the server.
+    ``stated_mb`` is the setting ``decode_mb``; 0 for what is left beside the server.
     """
     return stated_mb * MIB if stated_mb else max(min(memory - RESERVE, MOST), 2 * FIXED)
 
 
 def cost(data: bytes, limits: Limits) -> int:
-    """Bytes that the process takes that decodes a photo.
-
-    Raises:
-        UnreadableInput: one of its subclasses, for what can be seen without decoding.
-    """
+    """Bytes that the process takes that decodes a photo; UnreadableInput for what can be seen without decoding."""
     if not data:
         return FIXED  # the gate has words for it
     container = open_container(data, limits)

@@ -30,13 +30,8 @@ _ONE = re.compile(r"bytes=\s*(\d{0,18})-(\d{0,18})\s*\Z", re.IGNORECASE)
 def wanted_range(headers: Mapping[str, str], size: int, etag: str) -> tuple[int, int] | None:
     """First byte and number of bytes that a request asks for; None for the whole file.
 
-    Args:
-        headers: of the request, names in lower case.
-        size: bytes of the file.
-        etag: of the file; a range under another ``If-Range`` is not one any more.
-
-    Raises:
-        HttpProblem: 416, there is no such range, or there are several of them.
+    A range under another ``If-Range`` than the file's etag is not one any more. 416: there is no such range, or there
+    are several of them.
     """
     text = headers.get("range")
     if text is None or not text.lower().startswith("bytes=") or headers.get("if-range", etag) != etag:
@@ -86,11 +81,7 @@ class Extent:
 
 
 def member(context: Context, row: Row, path: str) -> Extent:
-    """Where a file lies in a job's archive.
-
-    Raises:
-        HttpProblem: there is none of this name.
-    """
+    """Where a file lies in a job's archive; HttpProblem where there is none of this name."""
     with context.artifacts.open(row["archive"]) as stream, zipfile.ZipFile(stream) as archive:
         info = archive.NameToInfo.get(path)
         if info is None or info.compress_type != zipfile.ZIP_STORED:
@@ -248,8 +239,7 @@ async def download_photo(job: str, request: Request, tenant: Asking, context: He
 def finished(context: Context, job: str, tenant: Tenant, kind: str = "avatar") -> Row:
     """The row of a tenant's job that has a result.
 
-    Raises:
-        HttpProblem: there is no such job, it has not succeeded, or its result is gone.
+    HttpProblem: there is no such job, it has not succeeded, or its result is gone.
     """
     row = context.job(job, tenant, kind)
     if row["state"] in ("queued", "running"):

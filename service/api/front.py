@@ -25,14 +25,7 @@ _PORTS = {"http": 80, "https": 443}
 
 
 def is_foreign(method: str, site: str, origin: str, host: str) -> bool:
-    """Whether a request that changes something was made by a page of another origin.
-
-    Args:
-        method: of the request.
-        site: its ``Sec-Fetch-Site``, "" without one.
-        origin: its ``Origin``, "" without one.
-        host: its ``Host``.
-    """
+    """Whether a request that changes something was made by a page of another origin, by its headers, "" without one."""
     if method in SAFE:
         return False
     if site:
@@ -54,10 +47,8 @@ def _same_origin(origin: str, host: str) -> bool:
 
 
 async def no_strange_parameters(request: Request) -> None:
-    """Refuse parameters of the address that the route does not take: a misspelt one would be passed over in silence.
-
-    Raises:
-        HttpProblem: there is one, or one is there twice.
+    """Refuse parameters of the address that the route does not take, or that are there twice: a misspelt one would be
+    passed over in silence.
     """
     route = request.scope.get("route")
     dependant = getattr(route, "dependant", None)

@@ -68,13 +68,9 @@ class _File(BaseModel):
 
 
 class Keys:
-    """All keys of a server; empty for a server without.
+    """All keys of a server, by the path of their file; empty for a server without ("").
 
-    Args:
-        file: path of the file, "" for a server without keys.
-
-    Raises:
-        UsageError: the file cannot be read or is not of the form above.
+    UsageError: the file cannot be read or is not of the form above.
     """
 
     def __init__(self, file: str = "") -> None:
@@ -120,16 +116,9 @@ class Keys:
 
 
 def make_first_key(path: Path) -> Path | None:
-    """Make a file of keys with one key where there is none.
+    """Make a file of keys with one key where there is none; UsageError where it cannot be written.
 
-    Args:
-        path: of the file of keys.
-
-    Returns:
-        The file beside it that holds the key itself, readable for its owner only; None where there were keys.
-
-    Raises:
-        UsageError: a file cannot be written.
+    Gives the file beside it that holds the key itself, readable for its owner only; None where there were keys.
     """
     key, entry = new_key("first")
     told = path.with_name("first-key.txt")
@@ -149,8 +138,7 @@ def make_first_key(path: Path) -> Path | None:
 def check_exposed(host: str, keys: str, *, anybody: bool) -> None:
     """Refuse to serve everybody in a network unless that is what is wanted.
 
-    Raises:
-        UsageError: the server would listen beyond this machine, has no keys, and nobody said that it need none.
+    UsageError: the server would listen beyond this machine, has no keys, and nobody said that it need none.
     """
     if host in LOOPBACK or keys or anybody:
         return
@@ -174,8 +162,7 @@ def _version(path: Path | None) -> tuple[int, int, int] | None:
 def _read(path: Path) -> dict[str, Tenant]:
     """Tenants by the hash of their key.
 
-    Raises:
-        UsageError: the file cannot be read, has another form, or gives one key to two tenants.
+    UsageError: the file cannot be read, has another form, or gives one key to two tenants.
     """
     try:
         entries = _File.model_validate_json(path.read_bytes()).keys

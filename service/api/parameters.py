@@ -32,9 +32,8 @@ _WORDS: dict[str, Callable[[str], Any]] = {
 def parse_options(text: bytes) -> Options:
     """JSON object -> options; names and values are those of the command line.
 
-    Raises:
-        HttpProblem: it is no JSON object, or has a name that is not an option.
-        UsageError: a value is of the wrong kind or out of range.
+    HttpProblem: it is no JSON object, or has a name that is not an option. UsageError: a value is of the wrong kind or
+    out of range.
     """
     return checked_options(parse_object(text) if text.strip() else {})
 
@@ -42,8 +41,7 @@ def parse_options(text: bytes) -> Options:
 def parse_metadata(text: bytes) -> dict[str, Any]:
     """The part ``metadata``: a JSON object of the owner's own, given back with the job and never looked into.
 
-    Raises:
-        HttpProblem: it is no such object, or larger than ``MAX_METADATA``.
+    HttpProblem: it is no such object, or larger than ``MAX_METADATA``.
     """
     if len(text) > MAX_METADATA:
         words = f"metadata has {len(text)} bytes; at most {MAX_METADATA} are kept"
@@ -59,9 +57,8 @@ def query_options(pairs: Mapping[str, str]) -> Options:
 def checked_options(values: Mapping[str, Any]) -> Options:
     """JSON values -> options.
 
-    Raises:
-        HttpProblem: there is no such option.
-        UsageError: a value is of the wrong kind or out of range; in the words of the command line.
+    HttpProblem: there is no such option. UsageError: a value is of the wrong kind or out of range; in the words of the
+    command line.
     """
     for name in values:
         if name not in NAMES:
@@ -84,12 +81,7 @@ def _from_text(name: str, text: str) -> Any:
 def parse_object(text: bytes, code: str = "malformed-options") -> dict[str, Any]:
     """A JSON object that can be stored and given back: numbers are finite, text is Unicode, nesting is not deep.
 
-    Args:
-        text: as a stranger sent it.
-        code: of the problem, "malformed-" and what the object is.
-
-    Raises:
-        HttpProblem: it is none; says what is wrong, and where in the text.
+    HttpProblem, of ``code``, "malformed-" and what the object is: says what is wrong, and where in the text.
     """
     what = code.removeprefix("malformed-")
     try:

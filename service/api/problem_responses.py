@@ -39,15 +39,7 @@ _STATUS_CODES = {404: "not-found", 405: "method-not-allowed", 400: "bad-request"
 
 
 class HttpProblem(Exception):
-    """Ends a request with a problem.
-
-    Args:
-        code: stable name of the kind of problem.
-        status: HTTP status.
-        detail: what is wrong with this request, for people.
-        headers: of the answer.
-        extra: members for machines.
-    """
+    """Ends a request with a problem: ``code`` is stable, ``detail`` for people, ``extra`` members for machines."""
 
     def __init__(
         self, code: str, status: int, detail: str = "", headers: Mapping[str, str] | None = None, **extra: Any

@@ -45,9 +45,8 @@ _LOOK_S = 1.0
 async def asked(request: Request, context: Context, kind: Kind) -> tuple[str, dict[str, Any]]:
     """The request for something: the id of the avatar, and what is wanted of it.
 
-    Raises:
-        HttpProblem: it is no JSON object with the id of an avatar, or does not arrive in time.
-        TooManyBytes: it is too long.
+    HttpProblem: it is no JSON object with the id of an avatar, or does not arrive in time. TooManyBytes: it is too
+    long.
     """
     values = parse_object(await _body(request, context, kind), f"malformed-{kind.name}")
     avatar = values.pop("avatar", None)
@@ -59,19 +58,10 @@ async def asked(request: Request, context: Context, kind: Kind) -> tuple[str, di
 async def made(
     request: Request, context: Context, tenant: Tenant, kind: Kind, avatar: str, values: dict[str, Any], seconds: float
 ) -> Row | Response:
-    """The row of the job that made something, or an answer that it is not ready.
+    """The row of the job that made something, or an answer that it is not ready after so many seconds.
 
-    Args:
-        request: that asks for it; with ``Prefer: respond-async`` nothing is waited for.
-        context: of the application.
-        tenant: who asks.
-        kind: of what.
-        avatar: id of the job of whose result it is made.
-        values: what is wanted, checked.
-        seconds: how long to wait for it.
-
-    Raises:
-        HttpProblem: there is no such result, the tenant may have no more, or it failed.
+    With ``Prefer: respond-async`` nothing is waited for. HttpProblem: there is no such result, the tenant may have no
+    more, or it failed.
     """
     if context.draining.is_set():
         raise HttpProblem("draining", 503, headers={"Retry-After": "10"})
@@ -96,11 +86,7 @@ def waiting(what: str, schema: type[BaseModel]) -> dict[str, Any]:
 
 
 def _job(context: Context, tenant: Tenant, kind: Kind, source: Row, values: dict[str, Any]) -> Row:
-    """The job of this: the one that there is, or a new one.
-
-    Raises:
-        HttpProblem: there is none, and the tenant may have no more.
-    """
+    """The job of this: the one that there is, or a new one; HttpProblem where the tenant may have no more."""
     wanted = json.dumps([source["archive_sha256"], GENERATOR, values], sort_keys=True)
     digest = hashlib.sha256(wanted.encode()).hexdigest()
     job = NewJob(
@@ -166,11 +152,7 @@ _SHOWN = ("exposure", "effects", "left_out_costs_at_most", "fallbacks")
 def routes(kind: Kind, schema: type[BaseModel], what: str, headers: Callable[[Row], dict[str, str]]) -> APIRouter:
     """The addresses of a derived kind, but for the one where it is asked for: state, file, deletion.
 
-    Args:
-        kind: of the jobs.
-        schema: of their state.
-        what: they make, in a word.
-        headers: of the file.
+    ``what`` they make is one word; ``headers`` are those of the file.
     """
     router = APIRouter(prefix=f"/v1/{kind.place}", tags=[kind.place])
     address = f"/{{{kind.name}}}"

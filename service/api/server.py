@@ -89,13 +89,11 @@ class _Page(StaticFiles):
 
 
 def protocol_class(header_seconds: float, connections: int, stalled_seconds: float = 60.0) -> type[H11Protocol]:
-    """The protocol with deadlines.
+    """The protocol with deadlines: of a head from the connection, or the first byte of a further request, to its end.
 
-    Args:
-        header_seconds: from the connection, or the first byte of a further request, to the end of its head.
-        connections: that one address may have open at a time, 0 for any number.
-        stalled_seconds: that a reader may leave what was written to it unread, before its connection is closed. What
-            is kept for it is at most the transport's buffer, so this also is a least speed.
+    One address may have so many ``connections`` open at a time, 0 for any number. A reader may leave what was written
+    to it unread for ``stalled_seconds`` before its connection is closed. What is kept for it is at most the transport's
+    buffer, so this also is a least speed.
     """
 
     class GuardedProtocol(H11Protocol):
@@ -191,11 +189,7 @@ _STEADY = 60.0
 
 
 class WorkerKeeper:
-    """Keeps one worker process running.
-
-    Args:
-        settings: handed to the worker.
-    """
+    """Keeps one worker process running."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
@@ -238,11 +232,8 @@ class WorkerKeeper:
 class _Server(uvicorn.Server):
     """Stops taking photos as soon as a signal comes; the second signal ends it at once.
 
-    Args:
-        config: of uvicorn.
-        app: whose context is told.
-        notice: seconds for which requests are answered after SIGTERM, so that whoever asks ``/readyz`` hears of it
-            before connections are refused.
+    After SIGTERM requests are answered for ``notice`` seconds, so that whoever asks ``/readyz`` hears of it before
+    connections are refused.
     """
 
     def __init__(self, config: uvicorn.Config, app: FastAPI, notice: float) -> None:
@@ -268,14 +259,9 @@ class _Server(uvicorn.Server):
 
 
 def serve(settings: Settings, *, with_worker: bool = True) -> None:
-    """Serve until a signal ends it.
+    """Serve until a signal ends it, without a worker where these run elsewhere (``avatarme worker``).
 
-    Args:
-        settings: of the server.
-        with_worker: False where workers run elsewhere (``avatarme worker``).
-
-    Raises:
-        UsageError: another server has the data folder, or others could use this one without a key.
+    UsageError: another server has the data folder, or others could use this one without a key.
     """
     check_exposed(settings.host, settings.keys, anybody=settings.anybody)
     logs.set_up()

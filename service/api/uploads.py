@@ -76,11 +76,7 @@ class Upload:
     webhook_url: str = ""
 
     def set(self, name: str, value: bytes) -> None:
-        """Take a part other than the photo.
-
-        Raises:
-            HttpProblem, UsageError: its value is not possible.
-        """
+        """Take a part other than the photo; HttpProblem or UsageError where its value is not possible."""
         if name == "options":
             self.options = parse_options(value)
         elif name == "metadata":
@@ -112,12 +108,7 @@ def _one_of(name: str, value: bytes, allowed: tuple[str, ...]) -> str:
 
 
 class UploadBody:
-    """A body that is the photo itself, taken a piece at a time, in worker threads.
-
-    Args:
-        upload: to be filled.
-        stream: where the photo goes.
-    """
+    """A body that is the photo itself, taken a piece at a time, in worker threads."""
 
     def __init__(self, upload: Upload, stream: IO[bytes]) -> None:
         self.upload, self._stream, self._hash = upload, stream, hashlib.sha256()
@@ -128,11 +119,7 @@ class UploadBody:
         self._photo(data)
 
     def finish(self) -> None:
-        """Check that the body is whole.
-
-        Raises:
-            HttpProblem: it is not.
-        """
+        """Check that the body is whole; HttpProblem where it is not."""
         if not self.upload.size:
             raise HttpProblem("missing-file", 400)
         self.upload.sha256 = self._hash.hexdigest()
@@ -156,14 +143,8 @@ class UploadBody:
 class Multipart(UploadBody):
     """A form with the photo, or several of one person, as its parts ``image`` (RFC 7578).
 
-    Args:
-        upload: to be filled.
-        stream: where the photo goes.
-        kind: header Content-Type, with the boundary.
-
-    Raises:
-        HttpProblem: there is no usable boundary; so do :meth:`write` and :meth:`finish` for what breaks the form.
-        TooManyBytes: the photo is larger than it may be.
+    HttpProblem: there is no usable boundary, or, of :meth:`write` and :meth:`finish`, the form is broken. TooManyBytes:
+    the photo is larger than it may be.
     """
 
     def __init__(self, upload: Upload, stream: IO[bytes], kind: str) -> None:
@@ -260,17 +241,10 @@ class Multipart(UploadBody):
 
 @contextlib.asynccontextmanager
 async def received(request: Request, settings: Settings, max_bytes: int) -> AsyncIterator[Upload]:
-    """The upload of a request; its file is removed afterwards, unless it was moved elsewhere.
+    """The upload of a request: multipart/form-data with the part ``image``, or a body that is the image.
 
-    Args:
-        request: multipart/form-data with the part ``image``, or a body that is the image.
-        settings: folder and deadlines.
-        max_bytes: of the photo.
-
-    Raises:
-        HttpProblem: the request is not of that form or does not arrive in time.
-        UsageError: a value beside the photo is not possible.
-        TooManyBytes: the photo is larger.
+    Its file is removed afterwards, unless it was moved elsewhere. HttpProblem: the request is not of that form or does
+    not arrive in time. UsageError: a value beside the photo is not possible. TooManyBytes: the photo is larger.
     """
     header = request.headers.get("content-type", "")
     kind = header.partition(";")[0].strip().lower()

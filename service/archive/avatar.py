@@ -146,8 +146,7 @@ class Avatar:
 def drawn_parts(avatar: Avatar) -> list[MeshPart]:
     """The head's own parts, without those that others replace, and the others.
 
-    Raises:
-        NumericFault: a vertex is not finite, or names are ambiguous.
+    NumericFault: a vertex is not finite, or names are ambiguous.
     """
     own = head_parts(avatar.head, avatar.fit.vertices, avatar.fit.neutral)
     check_parts(avatar.parts, [part.name for part in own])
@@ -211,16 +210,10 @@ def licences_text(avatar: Avatar) -> str:
 def model_cards(
     head: HeadModel, head_file: Path | None = None, networks: tuple[str, ...] = (), *, photo: bool = True
 ) -> tuple[ModelEntry, ...]:
-    """Cards of the head model and of the networks that ran.
+    """Cards of the head model, of its file or the shipped one, and of the networks that ran; ``photo``: those of photos
+    too.
 
-    Args:
-        head: the head model.
-        head_file: where it was read from; None for the shipped one.
-        networks: names of the reflectance networks that ran.
-        photo: whether the networks that see photos ran.
-
-    Raises:
-        ModelFault: the table of networks is broken.
+    ModelFault: the table of networks is broken.
     """
     table = model_table()
     digest = sha256((head_file or DEFAULT_HEAD).read_bytes()).hexdigest()

@@ -70,11 +70,7 @@ def unknown_names(names: Iterable[str]) -> list[str]:
 
 
 def in_order(names: Iterable[str]) -> list[str]:
-    """Names of members in the order of the file.
-
-    Raises:
-        ValueError: one is not a name of the archive.
-    """
+    """Names of members in the order of the file; ValueError where one is not a name of the archive."""
     present = set(names)
     unknown = unknown_names(present)
     if unknown:
@@ -91,9 +87,7 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 def write_zip(stream: IO[bytes], members: Mapping[str, bytes]) -> None:
     """Write ``members`` (name -> content) as a zip to a seekable binary stream.
 
-    Raises:
-        ValueError: a name is not the archive's (a bug: names do not depend on input).
-        OSError: as the stream raises it.
+    ValueError: a name is not the archive's (a bug: names do not depend on input). OSError: as the stream raises it.
     """
     order = in_order(members)
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
@@ -104,13 +98,7 @@ def write_zip(stream: IO[bytes], members: Mapping[str, bytes]) -> None:
 def write_folder(path: Path, folder: Path, files: Iterable[Path]) -> None:
     """Write files of a folder as a zip, in the order of their names in it: the same files give the same bytes.
 
-    Args:
-        path: of the zip, replaced atomically.
-        folder: to whose paths the names of the members are relative.
-        files: in the folder, or below.
-
-    Raises:
-        OutputFault: a file could not be read, or the zip not written.
+    OutputFault: a file could not be read, or the zip not written.
     """
 
     def write(stream: IO[bytes]) -> None:
@@ -129,9 +117,7 @@ def write_file(path: Path, members: Mapping[str, bytes]) -> None:
     """Write the zip to ``path`` atomically; an existing file is replaced only by a complete one.
 
     The content goes to a hidden temporary file in the same folder, is flushed to the disk, and is then renamed.
-
-    Raises:
-        OutputFault: with the path and the system's reason (no space, no permission, no such folder).
+    OutputFault has the path and the system's reason (no space, no permission, no such folder).
     """
     replace_file(path, lambda stream: write_zip(stream, members))
 
@@ -150,10 +136,8 @@ def replace_file(path: Path, write: Callable[[IO[bytes]], object]) -> None:
 def write_stream(stream: BinaryIO, members: Mapping[str, bytes]) -> None:
     """Write the same bytes as :func:`write_file` to a stream that cannot seek (standard output, a socket).
 
-    The zip is assembled first, because a zip written without seeking has other headers.
-
-    Raises:
-        OutputFault: the reader closed the stream, or it failed.
+    The zip is assembled first, because a zip written without seeking has other headers. OutputFault: the reader closed
+    the stream, or it failed.
     """
     try:
         with tempfile.SpooledTemporaryFile(max_size=64 << 20) as assembled:
@@ -219,11 +203,9 @@ class ArchiveFile:
 
     @classmethod
     def open(cls, source: Path | IO[bytes]) -> ArchiveFile:
-        """Check an archive.
+        """Check an archive; UsageError where there is no such file.
 
-        Raises:
-            UsageError: there is no such file.
-            BadArchive: not a zip, not an avatar's archive, damaged, or unpacks to more than is accepted.
+        BadArchive: not a zip, not an avatar's archive, damaged, or unpacks to more than is accepted.
         """
         if isinstance(source, Path) and not source.is_file():
             raise UsageError(f"there is no archive {source}; make one with avatarme make PHOTO")
@@ -242,8 +224,7 @@ class ArchiveFile:
     def read(self, name: str, limit: int = MAX_MEMBER) -> bytes:
         """Content of one file; at most ``limit`` + 1 bytes are unpacked, whatever its header claims.
 
-        Raises:
-            BadArchive: it is not there, damaged, or longer.
+        BadArchive: it is not there, damaged, or longer.
         """
         if name not in self.names:
             raise BadArchive(f"the archive has no {name}")

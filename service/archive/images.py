@@ -56,8 +56,7 @@ class Rows:
 def encode_png_rows(rows: Rows, *, srgb: bool) -> bytes:
     """PNG bytes, with an sRGB chunk for sRGB colours; data maps get none, so that no reader converts them.
 
-    Raises:
-        ValueError: a shape or depth that PNG does not support.
+    ValueError: a shape or depth that PNG does not support.
     """
     return b"".join(_chunks(rows, srgb=srgb))
 
@@ -118,8 +117,7 @@ def to_8_bits(codes: UInt16) -> UInt8:
 def encode_normals8(normals: AnyFloat) -> UInt8:
     """(h, w, 3) unit normals in [-1, 1] -> (h, w, 3) uint8 codes; flat (0, 0, 1) becomes (128, 128, 255).
 
-    Raises:
-        NumericFault: as :func:`quantise_normals`.
+    NumericFault: as :func:`quantise_normals`.
     """
     return np.asarray(quantise_normals(normals, 8), np.uint8)
 
@@ -127,8 +125,7 @@ def encode_normals8(normals: AnyFloat) -> UInt8:
 def quantise_normals(normals: AnyFloat, bits: int) -> UInt8 | UInt16:
     """(h, w, 3) unit normals in [-1, 1] -> (h, w, 3) codes in 8 or 16 bits, see :func:`normal_coding`.
 
-    Raises:
-        NumericFault: where a component is NaN, infinite or outside [-1, 1] by more than rounding.
+    NumericFault: a component is NaN, infinite or outside [-1, 1] by more than rounding.
     """
     values = np.asarray(normals, np.float32)
     bad = ~(np.abs(values) <= 1.0 + 1e-3)  # NaN compares false, so it counts as bad
@@ -185,11 +182,7 @@ _HALF, _ZIP, _EXR_ROWS = 1, 3, 16
 
 
 def exr_bytes(image: Float32) -> bytes:
-    """An image (h, w) grey or (h, w, 3) RGB, linear, as EXR; the same image gives the same bytes.
-
-    Raises:
-        ValueError: another shape.
-    """
+    """An image (h, w) grey or (h, w, 3) RGB, linear, as EXR, the same for the same; ValueError for another shape."""
     if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
         raise ValueError(f"an image of shape {image.shape}; (h, w) or (h, w, 3) is right")
     height, width = image.shape[:2]

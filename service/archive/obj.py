@@ -46,9 +46,7 @@ def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str) -> bytes:
     """OBJ text of ``vertices`` (V, 3) metres with the topology of ``head``, to the micrometre.
 
     The vertices are in the head model's order, so the same line of two archives is the same point of two heads.
-
-    Raises:
-        NumericFault: a vertex is not finite.
+    NumericFault: a vertex is not finite.
     """
     if not np.isfinite(vertices).all():
         raise NumericFault(f"vertex {int(np.argwhere(~np.isfinite(vertices))[0, 0])} of the head is not finite")
@@ -136,11 +134,10 @@ def _begin(name: str, material: str) -> str:
 
 
 def _faces(polygons: Int32, columns: Sequence[AnyInt]) -> Iterator[str]:
-    """Lines ``f v/vt/vn ...`` or ``f v/vt ...`` in the order given.
+    """Lines ``f v/vt/vn ...`` or ``f v/vt ...`` of polygons (Q, 4), -1 in the last column of triangles, in the order
+    given.
 
-    Args:
-        polygons: (Q, 4), -1 in the last column marks a triangle.
-        columns: (Q, 4) each: vertices, places on the chart and, where there are any, normals, counted from 0.
+    Columns are (Q, 4) each: vertices, places on the chart and, where there are any, normals, counted from 0.
     """
     corner = "/".join(["%d"] * len(columns))
     triangle, quad = (f"f {' '.join([corner] * count)}\n" for count in (3, 4))
@@ -196,10 +193,7 @@ def data_path(one: Map | None, files: MapFiles) -> str | None:
 def data_maps(materials: Iterable[Material], files: MapFiles, charts: Mapping[str, Float32]) -> dict[str, bytes]:
     """Name in the archive -> EXR of every map that is no colour.
 
-    Args:
-        materials: of the MTL file.
-        files: which maps the archive has.
-        charts: of the chart, by role: normals (h, w, 3) in [-1, 1], the others (h, w) in [0, 1].
+    ``charts`` are the values of the chart's maps by role: normals (h, w, 3) in [-1, 1], the others (h, w) in [0, 1].
     """
     made: dict[str, bytes] = {}
     for material in materials:
@@ -260,10 +254,8 @@ class ObjMesh:
     normals: Float64 | None = None
 
     def part(self, name: str) -> ObjMesh:
-        """One of the parts by itself, with its own vertices and texture coordinates.
-
-        Raises:
-            BadMesh: the mesh has no such part.
+        """One of the parts by itself, with its own vertices and texture coordinates; BadMesh where there is no such
+        part.
         """
         if name not in self.part_names:
             raise BadMesh(f"the mesh has no part {name[:40]!r}; it has {', '.join(self.part_names)[:200]}")
@@ -277,8 +269,7 @@ class ObjMesh:
     def as_head(self, name: str, licence: str) -> HeadModel:
         """A head model with this topology, chart and shape, and without bases, landmarks or regions.
 
-        Raises:
-            BadMesh: a face has no chart coordinates, or they are outside [0, 1].
+        BadMesh: a face has no chart coordinates, or they are outside [0, 1].
         """
         if (self.polygon_uv[:, :3] < 0).any():
             raise BadMesh("the mesh has faces without texture coordinates (vt), which its maps need")
@@ -302,9 +293,8 @@ class ObjMesh:
 def read_obj(data: bytes) -> ObjMesh:
     """Read an OBJ file.
 
-    Raises:
-        BadMesh: too large, not text, a coordinate that is not a finite number, an index out of range, a face without
-            three or four corners, or no face; the message names the line.
+    BadMesh, whose message names the line: too large, not text, a coordinate that is not a finite number, an index out
+    of range, a face without three or four corners, or no face.
     """
     if len(data) > MAX_BYTES:
         raise BadMesh(f"the OBJ file has {len(data)} bytes; at most {MAX_BYTES} are accepted")

@@ -53,15 +53,9 @@ from service.runtime.tiles import SMALL_MAP
 
 
 def write_archive(avatar: Avatar, target: Path | BinaryIO) -> None:
-    """Write the archive of ``avatar`` to a file, atomically, or to a binary stream.
+    """Write the archive of an avatar to a file, atomically, or to a binary stream that may be a pipe.
 
-    Args:
-        avatar: the results of one photo.
-        target: a path, or a stream that may be a pipe.
-
-    Raises:
-        OutputFault: the file or the stream could not be written.
-        NumericFault: a result holds NaN or infinity.
+    OutputFault: it could not be written. NumericFault: a result holds NaN or infinity.
     """
     made = avatar.reflectance
     if made is not None and made.size[0] * made.size[1] > SMALL_MAP:
@@ -190,14 +184,7 @@ _PNG_CHANNELS = {0: 1, 2: 3, 6: 4}
 
 
 def describe(avatar: Avatar, files: Mapping[str, bytes], parts: Sequence[MeshPart], where: MapFiles) -> m.Manifest:
-    """Manifest of an avatar.
-
-    Args:
-        avatar: the results of one photo.
-        files: name -> content of the archive, without the manifest itself.
-        parts: its ``drawn_parts``.
-        where: its ``map_files``.
-    """
+    """Manifest of an avatar, of the contents of its other files by name, its ``drawn_parts`` and its ``map_files``."""
     head, (width, height) = avatar.head, avatar.photo.size
     photo, box = avatar.given is None, avatar.face.box.astype(float).tolist()
     return m.Manifest(

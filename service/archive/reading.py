@@ -51,16 +51,10 @@ class AvatarFile:
 
 
 def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
-    """Read mesh and maps of an archive.
+    """Read mesh and maps of an archive, a path or a seekable stream; roles that it lacks are left out.
 
-    Args:
-        source: path of an archive, or a seekable stream of one.
-        roles: maps to read; those that the archive lacks are left out.
-
-    Raises:
-        UsageError: there is no such file.
-        BadArchive: not a zip, not an avatar's archive, damaged, or unpacks to more than is accepted.
-        BadMesh: its mesh cannot be read.
+    UsageError: there is no such file. BadArchive: not an avatar's archive, damaged, or unpacks to more than is
+    accepted. BadMesh: its mesh cannot be read.
     """
     archive = ArchiveFile.open(source)
     mesh = read_obj(archive.read("mesh/head.obj", MAX_OBJ))
@@ -81,10 +75,7 @@ def described_parts(manifest: dict[str, Any]) -> tuple[list[m.Part], dict[str, m
     """All parts of the files, and materials by name; none in the manifests of older versions.
 
     Keys that other versions of the schema have are left out, and so are the parts of clear glass that older archives
-    have before their eyes: no material is clear now.
-
-    Raises:
-        BadArchive: one of them is not as the schema says.
+    have before their eyes: no material is clear now. BadArchive: one of them is not as the schema says.
     """
     from pydantic import TypeAdapter, ValidationError
 
@@ -106,16 +97,10 @@ def described_parts(manifest: dict[str, Any]) -> tuple[list[m.Part], dict[str, m
 def stored_material(
     archive: ArchiveFile, given: m.MaterialEntry, known: dict[str, Map], slots: Collection[str]
 ) -> Material:
-    """A material of an archive, with the maps of some slots.
+    """A material of an archive, with the maps of some slots ("colour", "normal" and the like).
 
-    Args:
-        archive: has the textures of parts' own, which are decoded.
-        given: what the manifest says of it.
-        known: maps by path; those that are new are added.
-        slots: "colour", "normal" and the like; maps of the chart are left out where they are ``DRAWN``.
-
-    Raises:
-        BadArchive: a value is out of range, or a texture cannot be read.
+    ``known`` has maps by path, to which new ones are added; textures of parts' own are decoded, and maps of the chart
+    left out where the slots are ``DRAWN``. BadArchive: a value is out of range, or a texture cannot be read.
     """
     maps: dict[str, Any] = {}
     for slot in set(slots) & set(given.maps):
@@ -181,8 +166,7 @@ LIMITS = Limits(
 def unpack_map(png: bytes, name: str) -> UInt8:
     """(H, W, 3) uint8 codes of a PNG, 3:2; grey has three equal channels, 16-bit codes are rounded: code / 257.
 
-    Raises:
-        BadArchive: not a PNG, damaged, or of another shape; names the map.
+    BadArchive: not a PNG, damaged, or of another shape; names the map.
     """
     codes = _decoded(png, name, Output.CODES)
     if codes.shape[1] * 2 != codes.shape[0] * 3:
@@ -193,8 +177,7 @@ def unpack_map(png: bytes, name: str) -> UInt8:
 def unpack_texture(png: bytes, name: str) -> UInt8:
     """(h, w, 4) uint8 sRGB with straight alpha of a part's own texture of any shape; (h, w, 3) where it is opaque.
 
-    Raises:
-        BadArchive: not a PNG, or damaged; names the texture.
+    BadArchive: not a PNG, or damaged; names the texture.
     """
     codes = _decoded(png, name, Output.CODES_AND_ALPHA)
     return codes if (codes[..., 3] < 255).any() else codes[..., :3]

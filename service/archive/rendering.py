@@ -40,16 +40,10 @@ ENDINGS = (".gif", ".mp4")
 
 
 def render_archive(source: Path | IO[bytes], request: RenderRequest) -> RenderedPicture:
-    """A picture of the avatar in an archive.
+    """A picture of the avatar in an archive, a path or seekable stream.
 
-    Args:
-        source: path or seekable stream of the archive.
-        request: scene, view, size and the like.
-
-    Raises:
-        UsageError: no such file, or a request that is not possible.
-        BadArchive, BadMesh: the archive cannot be used, or lacks a map that has no substitute.
-        NumericFault: light that is not finite.
+    UsageError: no such file, or a request that is not possible. BadArchive, BadMesh: the archive cannot be used, or
+    lacks a map that has no substitute. NumericFault: light that is not finite.
     """
     clock = Clock()
     with clock.step("open"):
@@ -92,19 +86,11 @@ def turntable(
     count: int,
     progress: Callable[[str, float], None] = lambda stage, done: None,
 ) -> int:
-    """Render ``count`` pictures around an avatar and write them as GIF or MP4, by the ending of ``target``.
+    """Render ``count`` pictures around an avatar, ``LEAST`` to ``MOST``, as GIF or MP4 by the ending of ``target``; its
+    bytes.
 
-    Exposure is that of the first picture, and the scale is the same in all of them.
-
-    Args:
-        archive: path of the archive.
-        target: ends in ``.gif`` or ``.mp4``.
-        request: scene, size and the like; the camera begins at the azimuth of its view.
-        count: pictures of the turn, ``LEAST`` to ``MOST``.
-        progress: told which picture is rendered, and the share that is done.
-
-    Returns:
-        Bytes of the film.
+    The camera begins at the azimuth of the request's view; exposure is that of the first picture, and the scale is the
+    same in all of them. ``progress`` is told which picture is rendered, and the share that is done.
 
     Raises:
         UsageError: ``count``, the ending, a transparent background or an odd size of an MP4.
@@ -148,8 +134,7 @@ def gif(pictures: Sequence[UInt8]) -> bytes:
 def mp4(pictures: Sequence[UInt8]) -> bytes:
     """An MP4 (MPEG-4 part 2, which OpenCV's wheels can write) of pictures (h, w, 3) uint8 sRGB.
 
-    Raises:
-        OutputFault: OpenCV has no writer for it.
+    OutputFault: OpenCV has no writer for it.
     """
     import cv2
 

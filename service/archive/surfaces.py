@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt16
+from service.arrays import AnyFloat, Float32, Float64, Int64, UInt16
 from service.geometry.chart import any_orthogonal, solve_affine
-from service.geometry.mesh import area_normals, face_normals, normalise
+from service.geometry.mesh import area_normals, face_normals, normalise, summed
+from service.geometry.raster import signed_area
 from service.geometry.remesh import Subdivision
 from service.head.files import split_polygons, triangle_fields
 from service.head.model import HeadModel
@@ -67,17 +68,17 @@ class Piece:
 
     def tangents(self) -> Float32:
         """(N, 4) unit tangents along u, orthogonal to the normals, and the handedness: normal x tangent is its v."""
-        uv, points = self.uv.astype(np.float64)[self.triangles], self.part.neutral[self.vertex].astype(np.float64)
-        du, _ = solve_affine(uv, points[self.triangles])
-        d1, d2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-        area = d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]
-        along = normalise(_sum(self.triangles, du * np.abs(area)[:, None], len(points)), (0.0, 0.0, 0.0))
+        points, corner = self.part.neutral[self.vertex].astype(np.float64), self.triangles.ravel()
+        du, _ = solve_affine(self.uv.astype(np.float64)[self.triangles], points[self.triangles])
+        area = signed_area(self.uv, self.triangles)
+        along = summed(corner, np.repeat(du * np.abs(area)[:, None], 3, 0), len(points))
+        along = normalise(along, (0.0, 0.0, 0.0))
         flat = along.astype(np.float32) - self.normal * np.einsum("ni,ni->n", along, self.normal)[:, None]
         # Where the direction of u is degenerate (a pole, a sliver) the tangent is arbitrary.
         degenerate = np.einsum("ni,ni->n", flat, flat) < 1e-6
         flat[degenerate] = any_orthogonal(self.normal[degenerate])
         unit = flat / np.sqrt(np.einsum("ni,ni->n", flat, flat))[:, None]
-        mirrored = _sum(self.triangles, area[:, None], len(points)) < 0
+        mirrored = summed(corner, np.repeat(area, 3)[:, None], len(points)) < 0
         return np.concatenate([unit, np.where(mirrored, -1, 1)], 1).astype(np.float32)
 
 
@@ -85,12 +86,6 @@ def _cut(offsets: Float32, least: float) -> Float32:
     """(V, 3) offsets with rows shorter than ``least`` set to zero."""
     small = np.einsum("vc,vc->v", offsets, offsets) < least * least
     return np.where(small[..., None], np.float32(0), offsets)
-
-
-def _sum(triangles: Int32 | Int64, values: Float64, count: int) -> Float64:
-    """(count, C) sums over the corners of triangles (M, 3) of their values (M, C)."""
-    index = triangles.ravel()
-    return np.stack([np.bincount(index, np.repeat(column, 3), count) for column in values.T], 1)
 
 
 STEPS = 3
@@ -188,12 +183,7 @@ class Skeleton:
 
 
 def skeleton(head: HeadModel, neutral: AnyFloat) -> Skeleton:
-    """The skeleton of a neutral head.
-
-    Args:
-        head: topology, parts, regions and blendshapes.
-        neutral: (V, 3) metres.
-    """
+    """The skeleton of a neutral head (V, 3) metres, by its parts, regions and blendshapes."""
     points = np.asarray(neutral, np.float64)
     low, high = points.min(0), points.max(0)
     base = points[points[:, 1] < low[1] + 0.02 * (high[1] - low[1])].mean(0)

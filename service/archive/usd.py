@@ -82,10 +82,8 @@ def joint_paths() -> list[str]:
 
 
 def read_meshes(data: bytes) -> list[Prim]:
-    """The meshes of a file of :func:`usda_bytes`, with their blendshapes as children.
-
-    Raises:
-        ValueError: it is not such a file, or cut off.
+    """The meshes of a file of :func:`usda_bytes`, with their blendshapes as children; ValueError where it is none, or
+    cut.
     """
     text, materials, _ = data.decode("ascii").partition(_MATERIALS)
     if not materials:
@@ -207,12 +205,7 @@ TIP = 0.3
 
 
 def curves_bytes(groom: Groom, title: str) -> bytes:
-    """USD text of strands, positions to 10 micrometres.
-
-    Args:
-        groom: at least one strand.
-        title: for the stage's documentation.
-    """
+    """USD text of strands, at least one, positions to 10 micrometres."""
     count = min(groom.strands.shape[1], MOST_POINTS)
     strands = resampled(groom.strands, np.ones(len(groom), np.float32), count)
     colour = groom.colour.linear(count).reshape(-1, 3)

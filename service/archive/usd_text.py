@@ -84,8 +84,7 @@ def numbers(values: AnyFloat | AnyInt) -> str:
 def _json(values: AnyFloat | AnyInt) -> str:
     """An array as JSON without its brackets, which three.js takes arrays of USD for.
 
-    Raises:
-        NumericFault: a number is not finite, for which JSON has no word.
+    NumericFault: a number is not finite, for which JSON has no word.
     """
     if not np.isfinite(values).all():
         bad = np.count_nonzero(~np.isfinite(values))

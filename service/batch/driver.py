@@ -165,11 +165,7 @@ class Tally:
 
 
 def run(wanted: Wanted, display: Display) -> Tally:
-    """Make a batch.
-
-    Args:
-        wanted: what is asked for.
-        display: shown how far it is.
+    """Make a batch; ``display`` is shown how far it is.
 
     Raises:
         UsageError: the places or their combination cannot be right.
@@ -220,12 +216,7 @@ def _settled(wanted: Wanted) -> float | None:
 
 
 class BatchEngine:
-    """Has rounds of shards computed: by threads of this process, here or at a server, or by workers elsewhere.
-
-    Args:
-        wanted: what is asked for.
-        work: folder for files on their way.
-    """
+    """Has rounds of shards computed: by threads of this process, here or at a server, or by workers elsewhere."""
 
     def __init__(self, wanted: Wanted, work: Path) -> None:
         self.work = work
@@ -315,12 +306,7 @@ class BatchEngine:
 def _work(out: Place, *, alone: bool) -> Iterator[Path]:
     """A folder for files on their way: on the disk of the archives, where that is one.
 
-    Args:
-        out: where the archives go.
-        alone: refuse to share a folder with another batch.
-
-    Raises:
-        UsageError: another batch writes there.
+    With ``alone`` another batch that writes there is a UsageError.
     """
     if out.folder is None:
         with tempfile.TemporaryDirectory(prefix="avatarme-batch-") as folder:

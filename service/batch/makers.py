@@ -79,16 +79,10 @@ class Maker(ABC):
 
     @abstractmethod
     def make(self, order: Order, stop: Callable[[], bool]) -> list[str]:
-        """Write a whole, checked archive to ``order.target``, or nothing. Returns the warnings.
+        """Write a whole, checked archive to ``order.target``, or nothing; gives the warnings. True of ``stop`` ends it.
 
-        Args:
-            order: the photo.
-            stop: asked now and then; True ends it.
-
-        Raises:
-            AvatarError: why there is none.
-            Stopped: it was to end.
-            Hopeless: no photo will get through, this one or another.
+        AvatarError: why there is none. Stopped: it was to end. Hopeless: no photo will get through, this one or
+        another.
         """
 
     def close(self) -> None:  # noqa: B027 - most have nothing to let go of
@@ -96,13 +90,10 @@ class Maker(ABC):
 
 
 class LocalMaker(Maker):
-    """Makes each photo in a process of its own, which ends with it.
+    """Makes each photo in a process of its own, which ends with it and is limited by the settings.
 
     So memory stays flat over any number of photos, a crash in native code costs one photo, and a photo that never ends
     can be stopped.
-
-    Args:
-        settings: of the processes: longest time, memory, niceness, and the module that makes a photo.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -149,17 +140,11 @@ def _tail(log: Path) -> str:
 
 
 class RemoteMaker(Maker):
-    """Hands photos to a server, waits, downloads, and erases what it downloaded.
+    """Hands photos to a server, waits, downloads, and erases what it downloaded unless it is to ``keep`` it.
 
-    What was stopped in the middle is found again by the next run: the same photo, options and attempt are the same
-    job, and a part of an archive is gone on from.
-
-    Args:
-        server: address.
-        api_key: None where the server wants none.
-        work: folder for archives on their way.
-        timeout_s: longest time of one photo, waiting in the queue included.
-        keep: leave the archives on the server until they expire.
+    What was stopped in the middle is found again by the next run: the same photo, options and attempt are the same job,
+    and a part of an archive, in the folder ``work``, is gone on from. ``timeout_s`` of one photo include waiting in the
+    queue.
     """
 
     def __init__(self, server: str, api_key: str | None, work: Path, *, timeout_s: float, keep: bool) -> None:

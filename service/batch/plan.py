@@ -55,14 +55,7 @@ Line = dict[str, Any]
 
 
 class Plan:
-    """The plan of one batch.
-
-    Args:
-        folder: for the database; on this machine.
-        source: the photos.
-        out: the archives.
-        inputs, product: suffixes of both.
-    """
+    """The plan of one batch, in a database in a folder of this machine."""
 
     def __init__(
         self, folder: Path, source: Place, out: Place, inputs: Collection[str] = SUFFIXES, product: str = ARCHIVE
@@ -84,11 +77,7 @@ class Plan:
         )
 
     def refuse(self) -> None:
-        """Refuse to begin where there was a batch before, or an archive's name is taken.
-
-        Raises:
-            UsageError: says what is there.
-        """
+        """Refuse to begin (UsageError) where there was a batch before, or an archive's name is taken."""
         if any(self.out.modified(name) is not None for name in (ASKED, REPORT)):
             raise UsageError(
                 f"{self.out.address} has the report of an earlier run; --resume goes on with it", field="resume"
@@ -110,9 +99,8 @@ class Plan:
     def look(self, *, own: tuple[int, int] | None = None, settled: float | None = None) -> int:
         """List photos, archives and reports anew; returns the number of photos.
 
-        Args:
-            own: (K, N): only every N-th photo, by its name, the K-th part of them; None for all.
-            settled: take only photos that were written before this time, seconds since 1970.
+        ``own`` (K, N) takes only every N-th photo, by its name, the K-th part of them; ``settled`` only those that were
+        written before this time, seconds since 1970.
         """
         run = self._tables.execute
         run("begin")
@@ -156,8 +144,7 @@ class Plan:
     def write_shards(self, round_name: str) -> list[int]:
         """Write the manifest of a round: one file for each shard; returns how many photos each has.
 
-        Args:
-            round_name: of the round; a later one comes after an earlier one in the order of letters.
+        The name of a later round comes after that of an earlier one in the order of letters.
         """
         left, counts = sum(1 for _ in self.todo()), list[int]()
         photos = self.todo()
@@ -188,8 +175,7 @@ class Plan:
     def merge(self, folder: Path) -> None:
         """Write ``report.jsonl`` anew, by the names of the photos; the reports of shards that are in it go.
 
-        Args:
-            folder: on the file system of the archives, where that is a disk.
+        The folder is on the file system of the archives, where that is a disk.
         """
         self._tables.execute("begin")
         shards = self.gather()
@@ -293,8 +279,7 @@ GROUP = ".photos"
 def grouped(address: str, by: str | None) -> str:
     """The address of a place whose photos are taken together by person; itself where ``by`` is None.
 
-    Raises:
-        UsageError: ``by`` is no way to tell.
+    UsageError: ``by`` is no way to tell.
     """
     if by is None:
         return address
@@ -304,11 +289,7 @@ def grouped(address: str, by: str | None) -> str:
 
 
 def photos_at(address: str) -> Place:
-    """The place of an address, in groups where it is one of :func:`grouped`.
-
-    Raises:
-        UsageError: as :func:`service.places.place`.
-    """
+    """The place of an address, in groups where it is one of :func:`grouped`; raises as :func:`service.places.place`."""
     for by in GROUPS:
         if address.startswith(f"by-{by}:"):
             return Grouped(place(address.partition(":")[2]), by)
@@ -346,11 +327,7 @@ class Grouped(Place):
         return str(name.with_name((stem or name.stem) + GROUP))
 
     def open(self, name: str) -> IO[bytes]:
-        """See ``Place``.
-
-        Raises:
-            UsageError: the group has more photos than are taken of one person.
-        """
+        """See ``Place``; UsageError where the group has more photos than are taken of one person."""
         if name not in self._groups:
             list(self.entries(SUFFIXES))
         members = sorted(entry.name for entry in self._groups.get(name, ()))

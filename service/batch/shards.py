@@ -51,23 +51,15 @@ LOOK_S = 2.0
 
 
 class Rounds:
-    """The shards of all rounds, in the database.
-
-    Args:
-        engine: of the database that the queue is in, or of one for this alone.
-    """
+    """The shards of all rounds, in the database that the queue is in, or in one for this alone."""
 
     def __init__(self, engine: sa.Engine) -> None:
         self._engine = engine
 
     def put(self, queue: Queue | None, name: str, out: str, counts: Sequence[int]) -> None:
-        """Begin a round.
+        """Begin a round, whose shards have so many photos each.
 
-        Args:
-            queue: of the workers elsewhere; None where the shards are made in this process.
-            name: of the round.
-            out: address of the archives.
-            counts: photos of each shard.
+        ``queue`` is that of the workers elsewhere; None where the shards are made in this process.
         """
         with self._engine.begin() as connection:
             numbers = enumerate([0, *counts], -1)
@@ -166,12 +158,7 @@ class Shards:
     running: set[tuple[str, int]] = field(default_factory=set, init=False)
 
     def workflows(self, most: int, look_s: float) -> Workflows:
-        """What DBOS is to know: the workflow, and the limits of its queue.
-
-        Args:
-            most: shards that this process takes at a time.
-            look_s: seconds between two looks into the queue.
-        """
+        """What DBOS is to know: the workflow, and the limits of its queue, for so many shards at a time."""
         from dbos import DBOS
 
         from service.jobs.workflow import RECOVERIES, Workflows
@@ -191,13 +178,7 @@ class Shards:
         return Workflows(register, {QUEUE: {"worker_concurrency": most, "polling_interval_sec": look_s}})
 
     def run(self, out: str, name: str, number: int) -> str:
-        """Make what is not made yet of a shard: "made", "called off", or "stopped" where this process ends.
-
-        Args:
-            out: address of the archives.
-            name: of the round.
-            number: of the shard.
-        """
+        """Make what is not made yet of a shard: "made", "called off", or "stopped" where this process ends."""
         ending = "stopped"
         self.running.add((name, number))
         try:
@@ -237,11 +218,7 @@ class Shards:
         return "made" if ended else "stopped" if self.stopping.is_set() else "called off"
 
     def _line(self, target: Place, asked: Asked, photo: Line, losses: int, stop: Callable[[], bool]) -> Line:
-        """Make one photo; returns what became of it.
-
-        Raises:
-            Stopped, Hopeless: as ``Maker.make``.
-        """
+        """Make one photo; returns what became of it. Stopped, Hopeless: as ``Maker.make``."""
         begin = time.perf_counter()
         scratch = self.scratch / secrets.token_hex(8)
         scratch.mkdir(parents=True)
@@ -288,9 +265,8 @@ _ABOUT_A_NAME = (errno.ENAMETOOLONG, errno.EISDIR, errno.ENOTDIR, errno.EEXIST, 
 def lasting(call: Callable[[], T]) -> T:
     """Call again and again while the database or a remote store fails.
 
-    Raises:
-        Hopeless: it failed for ``PATIENCE`` seconds, or a disk is full, read-only or gone.
-        OSError: something is wrong with a name, which is one photo's own matter.
+    Hopeless: it failed for ``PATIENCE`` seconds, or a disk is full, read-only or gone. OSError: something is wrong with
+    a name, which is one photo's own matter.
     """
 
     def end(error: Exception) -> NoReturn:
@@ -305,11 +281,7 @@ def lasting(call: Callable[[], T]) -> T:
 
 
 def _fetched(source: Place, name: str, scratch: Path) -> Path:
-    """Path of a photo on this machine.
-
-    Raises:
-        UnreadableInput: it is not there (any more) or must not be read.
-    """
+    """Path of a photo on this machine; UnreadableInput where it is not there (any more) or must not be read."""
 
     def fetch() -> Path:
         try:

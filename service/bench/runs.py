@@ -146,16 +146,10 @@ def make(
     run: Row, photo: bytes | Sequence[bytes], output: Path | None,
     judge: Callable[[Avatar], Mapping[str, float]] = lambda avatar: {},
 ) -> Row:  # fmt: skip
-    """Make an avatar and its archive, and write the face of its maps and the mask of skin.
+    """Make an avatar and its archive, and write the face of its maps and the mask of skin; raises as ``make_avatar``.
 
-    Args:
-        run: what is asked for.
-        photo: its bytes, or those of several.
-        output: an ``.npz`` file for the maps; None: they are not compared.
-        judge: tells decibels against the truth.
-
-    Raises:
-        AvatarError: as ``service.pipeline.make_avatar``.
+    ``photo`` are its bytes, or those of several. ``output`` is an ``.npz`` file for the maps; None: they are not
+    compared. ``judge`` tells decibels against the truth.
     """
     begin, used = time.perf_counter(), processor_seconds()
     from service.archive.pack import write_archive
@@ -199,9 +193,7 @@ def face_of(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def isolated(work: Callable[..., T], *arguments: Any) -> T:
     """``work(*arguments)``, a function at the top level of a module, in a process of its own.
 
-    Raises:
-        Crashed: the process ended without a result, for example for want of memory.
-        Exception: as ``work`` raises it.
+    Crashed: the process ended without a result, for example for want of memory. What ``work`` raises is raised here.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line has it
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
@@ -220,17 +212,11 @@ def run_bench(
     making: Callable[[Row, bytes, Path], Row] = make,
     progress: Callable[[str, float], None] = lambda what, done: None,
 ) -> Bench:
-    """Make every avatar, one after the other.
+    """Make every avatar, one after the other; the last is the reference.
 
-    Args:
-        chosen: what is made; the last is the reference.
-        photo: contents of a photo; None for the sample.
-        launch: runs a function in a separate process.
-        making: :func:`make`, or what judges its avatars, too.
-        progress: called with the current run and the completed share.
-
-    Raises:
-        AvatarError: the reference cannot be made; other faults stand in their rows.
+    ``photo`` are the contents of a photo, None for the sample; ``launch`` runs a function in a separate process, and
+    ``making`` is :func:`make`, or what judges its avatars, too. AvatarError: the reference cannot be made; other faults
+    stand in their rows.
     """
     begin = time.perf_counter()
     data = diagnosis.SAMPLE.read_bytes() if photo is None else photo
@@ -298,14 +284,9 @@ def decibels(rms: float) -> float:
 def loss_of(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], mask: Bool) -> float:
     """Distance of a map from a reference of any other size; the smaller one is enlarged, so that lost detail counts.
 
-    Args:
-        kind: "colour": uint16 codes, 65535 = 1. "normal": (h, w, 2) int16 codes.
-        found: (h, w, ...).
-        reference: (H, W, ...) of the same part of the chart.
-        mask: (H, W) texels that are compared; all of them where there is none.
-
-    Returns:
-        Root mean square of coded colours in [0, 1], or mean degrees of normals.
+    Root mean square of coded colours in [0, 1] ("colour": uint16 codes, 65535 = 1), or mean degrees of normals
+    ("normal": (h, w, 2) int16 codes). The reference is (H, W, ...) of the same part of the chart; of it the texels of
+    the mask (H, W) are compared, all of them where there is none.
     """
     one, other = (_values(kind, codes, reference.shape[1::-1]) for codes in (found, reference))
     chosen = mask if mask.any() else np.ones_like(mask)

@@ -83,10 +83,8 @@ def _compiled_networks() -> dict[str, Any]:
 
 
 def self_test() -> tuple[dict[str, Any], list[str]]:
-    """Run the pipeline on the sample photo, imports included.
-
-    Returns:
-        Facts (``seconds``, ``archive_bytes``, ``landmark_rms_px``, ``warnings``; empty if it failed), and the faults.
+    """Run the pipeline on the sample photo, imports included; gives facts (``seconds``, ``archive_bytes``,
+    ``landmark_rms_px``, ``warnings``; empty if it failed), and the faults.
     """
     begin = time.perf_counter()
     try:

@@ -19,18 +19,11 @@ from service.photo.limits import PIPE
 
 
 def check_paths(output: str, inputs: Mapping[str, str], *, what: str, example: str, as_json: bool) -> None:
-    """Check that inputs and output do not share a stream or a file.
+    """Check that inputs (by what they are) and output do not share a stream or a file; ``-`` is standard input or
+    output.
 
-    Args:
-        output: path, or ``-`` for standard output.
-        inputs: path, or ``-`` for standard input, by what it is.
-        what: the output in messages.
-        example: a file name for ``-o`` in messages.
-        as_json: whether a JSON object goes to standard output.
-
-    Raises:
-        UsageError: two inputs from standard input; output and JSON, or a terminal, on standard output; a name of
-            another kind of file; an input that the output would overwrite.
+    UsageError: two inputs from standard input; output and JSON, or a terminal, on standard output; a name of another
+    kind of file than the ``example``; an input that the output would overwrite.
     """
     piped = [name for name, path in inputs.items() if path == PIPE]
     if len(piped) > 1:
@@ -56,11 +49,7 @@ def expect_output(target: str) -> None:
 
 
 def head_file(path: str | None) -> Path | None:
-    """Path of a head model file, None for the shipped one.
-
-    Raises:
-        UsageError: there is no such file.
-    """
+    """Path of a head model file, None for the shipped one; UsageError where there is no such file."""
     if path is not None and not Path(path).is_file():
         raise UsageError(
             f"there is no head model file {path}; docs/head-model.md describes how to make one", field="head"
@@ -69,10 +58,8 @@ def head_file(path: str | None) -> Path | None:
 
 
 def write_bytes(target: str, data: bytes) -> None:
-    """Write to a path, or to standard output for ``-``.
-
-    Raises:
-        OutputFault: it cannot be written; an existing file is unchanged.
+    """Write to a path, or to standard output for ``-``; OutputFault where that fails, and an existing file is
+    unchanged.
     """
     if target != PIPE:
         replace_file(Path(target), lambda stream: stream.write(data))

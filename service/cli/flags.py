@@ -90,21 +90,13 @@ AVATAR = MAPS | {
 
 
 def parsed(known: Mapping[str, Flag], flags: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of the flags that were given (are not None).
-
-    Raises:
-        UsageError: one cannot be read.
-    """
+    """Values of the flags that were given (are not None); UsageError where one cannot be read."""
     given = {name: (known[name].parse, value) for name, value in flags.items() if value is not None}
     return {name: value if parse is None else parse(value) for name, (parse, value) in given.items()}
 
 
 def asked(flags: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of :class:`Options` whose flags were given.
-
-    Raises:
-        UsageError: a value is out of range or cannot be read.
-    """
+    """Fields of :class:`Options` whose flags were given; UsageError where a value is out of range or cannot be read."""
     fields = parsed(AVATAR, flags)
     Options(**fields)
     return fields

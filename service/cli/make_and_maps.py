@@ -31,9 +31,7 @@ if TYPE_CHECKING:
 def destination(sources: Sequence[str], output: str | None, *, as_json: bool) -> str:
     """Path of the archive, or ``-``: as given, else beside the first photo, or standard output for one from a pipe.
 
-    Raises:
-        UsageError: the archive would overwrite a photo, share standard output with the JSON, or fill a terminal; or
-            several photos come from standard input.
+    UsageError: as :func:`check_paths`.
     """
     if output is None:
         output = PIPE if sources[0] == PIPE else str(Path(sources[0]).with_suffix(".zip"))

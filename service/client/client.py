@@ -80,11 +80,7 @@ class Job:
 
     @classmethod
     def parse(cls, content: object) -> Job:
-        """Read a state object.
-
-        Raises:
-            UnexpectedAnswer: not an object, no usable id, or an unknown state.
-        """
+        """Read a state object; UnexpectedAnswer where it is none, has no usable id, or an unknown state."""
         if not isinstance(content, Mapping):
             raise UnexpectedAnswer(f"the server sent {type(content).__name__} where the state of a job was expected")
         state, error = content.get("state"), content.get("error")
@@ -104,6 +100,9 @@ class Job:
 
 class Client:
     """A server of this service. Threads may share one client.
+
+    What most methods raise beside what they name: Refused, ServerUnreachable, UnexpectedAnswer, see
+    ``service.client.errors``.
 
     Args:
         server: its address, for example ``https://avatars.example.org``.
@@ -150,7 +149,6 @@ class Client:
         Raises:
             UsageError: there is no such file, or the server does not know an option.
             UnreadableInput: the server refuses these bytes.
-            Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
         wanted = canonical(options or {})
         photos = [photo] if isinstance(photo, bytes | Path) else list(photo)
@@ -171,24 +169,13 @@ class Client:
         return Job.parse(self._transport.ask("POST", "/v1/avatars", body=body, again=again, headers=headers))
 
     def state(self, job_id: str) -> Job:
-        """What the server says of a job now.
-
-        Raises:
-            NoSuchJob, JobExpired: it is not there, or not any more.
-            Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
-        """
+        """What the server says of a job now; NoSuchJob or JobExpired where it is not there, or not any more."""
         return Job.parse(self._transport.ask("GET", _path(job_id)))
 
     def follow(self, job_id: str, *, timeout_s: float | None = None) -> Iterator[Job]:
         """What the server says of a job, asked again and again until it has ended.
 
-        Args:
-            job_id: the job.
-            timeout_s: how long to follow.
-
-        Raises:
-            WaitTimedOut: the time is over; the job goes on.
-            Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
+        WaitTimedOut: ``timeout_s`` are over; the job goes on.
         """
         end, (pause, longest) = math.inf if timeout_s is None else time.monotonic() + timeout_s, _ASK_EVERY_S
         while True:
@@ -205,19 +192,13 @@ class Client:
     def wait(
         self, job_id: str, *, timeout_s: float | None = None, progress: Progress = lambda stage, done: None
     ) -> Job:
-        """Wait until a job has succeeded.
-
-        Args:
-            job_id: the job.
-            timeout_s: how long to wait.
-            progress: told how far the job is, each time that the server is asked.
+        """Wait until a job has succeeded; ``progress`` is told how far it is, each time that the server is asked.
 
         Raises:
-            WaitTimedOut: the time is over; the job goes on.
+            WaitTimedOut: ``timeout_s`` are over; the job goes on.
             UnreadableInput, NoUsableFace: the photo cannot be used; the same classes as in a local run.
             JobFailed: the server failed.
             JobCancelled: somebody cancelled the job.
-            Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
         for job in self.follow(job_id, timeout_s=timeout_s):
             progress(job.stage, job.progress)
@@ -228,43 +209,28 @@ class Client:
     def download(
         self, job_id: str, target: Path, *, progress: Callable[[int, int | None], None] = lambda done, total: None
     ) -> str:
-        """Fetch the archive of a job: whole and checked under the name ``target``, or not at all.
+        """Fetch the archive of a job: whole and checked under the name ``target``, or not at all; gives its sha256,
+        hex.
 
         A broken download goes on where it stopped, in a later call too. Every file in the archive is checked against
-        the sha256 in its manifest.
-
-        Args:
-            job_id: the job.
-            target: the file to write; one that is there is replaced.
-            progress: told of bytes so far and in all (None: unknown).
-
-        Returns:
-            sha256 of the archive, hex.
+        the sha256 in its manifest. ``progress`` is told of bytes so far and in all (None: unknown).
 
         Raises:
             DownloadFailed: what came does not agree with its checksums.
             OutputFault: the file cannot be written.
             Conflict: the job has not succeeded yet.
-            Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
         return Download(self._transport, _path(job_id) + "/archive.zip", target, progress).run()
 
     def delete(self, job_id: str) -> None:
-        """Cancel a job that goes on, erase one that has ended. One that is not there (any more) is left at that.
-
-        Raises:
-            Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
-        """
+        """Cancel a job that goes on, erase one that has ended. One that is not there (any more) is left at that."""
         with contextlib.suppress(NoSuchJob, JobExpired):
             self._transport.ask("DELETE", _path(job_id))
 
     def ready(self) -> None:
         """Return where the server takes photos, and takes them with this key.
 
-        Raises:
-            ServerBusy: it is starting or draining.
-            AccessDenied: it knows no such key.
-            Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
+        ServerBusy: it is starting or draining. AccessDenied: it knows no such key.
         """
         self._transport.ask("GET", "/readyz")
         with contextlib.suppress(NoSuchJob):  # who has no key is told of readiness, but not that a job is not there
@@ -272,11 +238,7 @@ class Client:
 
 
 def canonical(options: Mapping[str, Any]) -> str:
-    """Options as JSON text, the same for the same options.
-
-    Raises:
-        UsageError: a value is none of JSON's.
-    """
+    """Options as JSON text, the same for the same options; UsageError where a value is none of JSON's."""
     try:
         return json.dumps(options, sort_keys=True, separators=(",", ":"), allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -284,11 +246,7 @@ def canonical(options: Mapping[str, Any]) -> str:
 
 
 def photo_sha256(photo: Path | bytes) -> str:
-    """Hex sha256 of a photo, read in blocks.
-
-    Raises:
-        UsageError: there is no such file.
-    """
+    """Hex sha256 of a photo, read in blocks; UsageError where there is no such file."""
     with _opened(photo) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -296,10 +254,8 @@ def photo_sha256(photo: Path | bytes) -> str:
 def idempotency_key(photo_digest: str, options: str, *more: str | int) -> str:
     """A key for one photo and its options.
 
-    Args:
-        photo_digest: of :func:`photo_sha256`.
-        options: of :func:`canonical`.
-        more: whatever else makes a job another job, for example the number of an attempt.
+    ``photo_digest`` is of :func:`photo_sha256`, ``options`` of :func:`canonical`, and ``more`` whatever else makes a
+    job another job, for example the number of an attempt.
     """
     return hashlib.sha256(json.dumps([photo_digest, options, *more]).encode()).hexdigest()
 
@@ -328,8 +284,7 @@ def _path(job_id: str) -> str:
 def checked_id(value: object) -> str:
     """The id of a job, fit for a path segment.
 
-    Raises:
-        UnexpectedAnswer: it is no text of 1 to 128 letters, digits, ``-`` and ``_``.
+    UnexpectedAnswer: it is no text of 1 to 128 letters, digits, ``-`` and ``_``.
     """
     if isinstance(value, str) and _ID.fullmatch(value):
         return value

@@ -33,13 +33,8 @@ _MANIFEST = "manifest.json"
 
 
 class Download:
-    """One archive.
-
-    Args:
-        transport: the server.
-        path: of the archive below the address.
-        target: the file to write.
-        progress: told of bytes so far and in all (None: unknown).
+    """One archive, from its path below the server's address; ``progress`` is told of bytes so far and in all (None:
+    unknown).
     """
 
     def __init__(
@@ -98,9 +93,8 @@ class Download:
     def _connection(self) -> Path | None:
         """The whole file after one connection; None where it brought a part of it.
 
-        Raises:
-            Setback, httpx.TransportError: it brought nothing.
-            DownloadFailed: it brought something else than the rest of what is here.
+        Setback, httpx.TransportError: it brought nothing. DownloadFailed: it brought something else than the rest of
+        what is here.
         """
         had = have = self._size() if self._etag else 0
         headers = {"Range": f"bytes={have}-", "If-Range": self._etag} if have else {}
@@ -187,9 +181,8 @@ def _stated_sha256(headers: httpx.Headers) -> str | None:
 def check_archive(path: Path) -> None:
     """Check every file of an archive against the size and the sha256 that its manifest states, in little memory.
 
-    Raises:
-        DownloadFailed: it is no zip, has no manifest, or a file in it is missing, surplus or changed.
-        OSError: it cannot be read.
+    DownloadFailed: it is no zip, has no manifest, or a file in it is missing, surplus or changed. OSError: it cannot be
+    read.
     """
     damaged = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, ValueError, KeyError, TypeError)
     try:

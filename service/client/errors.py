@@ -68,9 +68,7 @@ class Problem:
     def parse(cls, content: object, status: int) -> Problem:
         """Read a problem object as leniently as RFC 9457, section 3.1, asks: members of a wrong type are ignored.
 
-        Args:
-            content: decoded JSON.
-            status: what counts where the object has no status of its own.
+        ``status`` counts where the object has none of its own.
         """
         if not isinstance(content, Mapping):
             return cls(status)

@@ -43,10 +43,8 @@ logging.getLogger("stamina").addHandler(logging.NullHandler())  # a pause is no 
 class Setback(Exception):
     """One attempt that failed; leaves this package as ``fault``.
 
-    Args:
-        fault: what the caller gets where nobody tries again.
-        again: whether another attempt may help.
-        retry_after: seconds that the server wants to be left alone, None where it did not say.
+    ``again`` says whether another attempt may help, ``retry_after`` for how many seconds the server wants to be left
+    alone, None where it did not say.
     """
 
     def __init__(self, fault: AvatarError, *, again: bool, retry_after: float | None = None) -> None:
@@ -100,9 +98,8 @@ class Transport:
             headers: beside those of the client.
 
         Raises:
-            ServerUnreachable: no answer after all retries.
             UnexpectedAnswer: a redirection, or no JSON.
-            AvatarError: what a problem object stands for; see ``service.client.errors``.
+            ServerUnreachable, AvatarError: as :meth:`retried`; what a problem object stands for.
         """
 
         def once() -> Any:
@@ -117,14 +114,9 @@ class Transport:
         return self.retried(once)
 
     def retried(self, attempt: Callable[[], T]) -> T:
-        """The result of the first attempt that has one.
+        """The result of the first attempt that has one; an attempt raises httpx.TransportError or :class:`Setback`.
 
-        Args:
-            attempt: makes one; raises httpx.TransportError or :class:`Setback`.
-
-        Raises:
-            ServerUnreachable: no answer after all retries.
-            AvatarError: the fault of the last attempt.
+        ServerUnreachable: no answer after all retries. AvatarError: the fault of the last attempt.
         """
         try:
             return self._caller(_Pauses(self._patience_s), attempt)
@@ -188,11 +180,7 @@ def retry_after_s(headers: Mapping[str, str]) -> float | None:
 
 
 def read_json(response: httpx.Response) -> Any:
-    """JSON, None for an empty answer.
-
-    Raises:
-        UnexpectedAnswer: it is something else, or longer than 16 MiB.
-    """
+    """JSON, None for an empty answer; UnexpectedAnswer where it is something else, or longer than 16 MiB."""
     data = bytearray()
     for chunk in response.iter_raw():
         data += chunk

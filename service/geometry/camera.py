@@ -93,8 +93,7 @@ def nearest_rotation(matrix: Float64) -> Float64:
 def ahead(ray: Float64) -> Float64:
     """(3, 3) smallest rotation that takes a ray (3,) with z > 0 to the z axis; the rows are orthonormal axes.
 
-    Raises:
-        ValueError: the ray does not lead forward.
+    ValueError: the ray does not lead forward.
     """
     length = float(np.linalg.norm(ray))
     if not np.isfinite(length) or not ray[2] > 0:

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, Int64, UInt8
-from service.geometry.mesh import cross, normalise, vertex_normals
-from service.geometry.raster import interpolate, rasterise
+from service.geometry.mesh import cross, normalise, summed, vertex_normals
+from service.geometry.raster import interpolate, rasterise, signed_area
 from service.head.model import HeadModel
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -124,14 +124,11 @@ class Chart:
         return self.spread(unit_vectors(self.inside(vertex_normals(vertices, self.head.triangles)), _Z), _Z)
 
     def frame(self, vertices: AnyFloat, vertex_normal: AnyFloat | None = None) -> TangentFrame:
-        """Tangent frame per texel: normal interpolated from the vertices, tangent along +u made orthogonal to it.
+        """Tangent frame per texel of ``vertices`` (V, 3): normal interpolated from these or from ``vertex_normal`` (V,
+        3) unit, tangent along +u made orthogonal to it.
 
         A tangent-space normal (x, y, z) means x * tangent + y * bitangent + z * normal: +Y up as in OpenGL and glTF.
         Where the direction of +u is degenerate the tangent is arbitrary; outside the islands the axes are x, y, z.
-
-        Args:
-            vertices: (V, 3) positions.
-            vertex_normal: (V, 3) unit normals to build on; those of ``vertices`` where left out.
         """
         n = vertex_normals(vertices, self.head.triangles) if vertex_normal is None else vertex_normal
         normal = unit_vectors(self.inside(n), _Z)
@@ -209,18 +206,9 @@ def any_orthogonal(normal: Float32) -> Float32:
 def tangents(head: HeadModel, vertices: AnyFloat) -> Float64:
     """(U, 3) float64 unit direction of +u at each chart vertex, area-weighted mean of its triangles; 0 where none."""
     du, _ = _derivatives(head, vertices)
-    weight = np.abs(_chart_area(head))
-    index = head.triangle_uv.ravel()
-    weighted = np.repeat(du * weight[:, None], 3, 0)
-    total = np.stack([np.bincount(index, weighted[:, i], len(head.uv)) for i in range(3)], 1).astype(np.float64)
+    weighted = du * np.abs(signed_area(head.uv, head.triangle_uv))[:, None]
+    total = summed(head.triangle_uv.ravel(), np.repeat(weighted, 3, 0), len(head.uv))
     return normalise(total, (0.0, 0.0, 0.0))
-
-
-def _chart_area(head: HeadModel) -> Float64:
-    """(T,) twice the signed area on the unit chart, positive for triangles that are not flipped."""
-    uv = head.uv.astype(np.float64)[head.triangle_uv]
-    d1, d2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    return np.asarray(d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0])
 
 
 def _derivatives(head: HeadModel, vertices: AnyFloat) -> tuple[Float64, Float64]:
@@ -231,8 +219,7 @@ def _derivatives(head: HeadModel, vertices: AnyFloat) -> tuple[Float64, Float64]
 def solve_affine(source: AnyFloat, target: AnyFloat) -> tuple[Float64, Float64]:
     """Derivatives of the affine maps that take source triangles (T, 3, 2) to target triangles (T, 3, C).
 
-    Returns:
-        Two (T, C) float64: d target / d source x and d target / d source y; 0 where the source has no area.
+    Two (T, C) float64: d target / d source x and d target / d source y; 0 where the source has no area.
     """
     s, t = np.asarray(source, np.float64), np.asarray(target, np.float64)
     s1, s2 = s[:, 1] - s[:, 0], s[:, 2] - s[:, 0]

@@ -57,30 +57,26 @@ def corner_angles(vertices: AnyFloat, triangles: AnyInt) -> Float64:
 def vertex_normals(vertices: AnyFloat, triangles: AnyInt) -> Float64:
     """(V, 3) float64 unit normals: face normals weighted by the corner's angle (Thuermer and Wuethrich 1998).
 
-    Angle weights make the result independent of how a surface is cut into triangles. Triangles without area or with a
-    corner that is not finite add nothing; a vertex of none but such triangles gets (0, 0, 1).
-
-    Args:
-        vertices: (V, 3) in any unit.
-        triangles: (T, 3) vertex indices, counter-clockwise from outside.
+    Angle weights make the result independent of how a surface is cut into triangles (T, 3), counter-clockwise from
+    outside. Triangles without area or with a corner that is not finite add nothing; a vertex of none but such triangles
+    gets (0, 0, 1).
     """
     with np.errstate(invalid="ignore", over="ignore"):
         normal = normalise(face_normals(vertices, triangles), (0.0, 0.0, 0.0))
         weighted = corner_angles(vertices, triangles)[:, :, None] * normal[:, None]
-    index = np.asarray(triangles).ravel()
-    total = [np.bincount(index, weighted[..., i].ravel(), len(vertices)) for i in range(3)]
-    return normalise(np.stack(total, 1))
+    return normalise(summed(np.asarray(triangles).ravel(), weighted.reshape(-1, 3), len(vertices)))
+
+
+def summed(index: AnyInt, rows: AnyFloat, count: int) -> Float64:
+    """(count, C) float64 sums of rows (N, C) by index (N,): what corners of faces give to their vertices."""
+    return np.stack([np.bincount(index, column, count) for column in rows.T], 1)
 
 
 def area_normals(vertices: AnyFloat, triangles: AnyInt) -> Float32:
-    """Unit normals weighted by area, of many poses at once and several times faster than :func:`vertex_normals`.
+    """(..., V, 3) float32 unit normals weighted by area; several times faster than :func:`vertex_normals`.
 
-    Args:
-        vertices: (..., V, 3) positions, any number of poses.
-        triangles: (T, 3) indices, counter-clockwise from outside.
-
-    Returns:
-        (..., V, 3) float32 of length 1; ``FALLBACK_NORMAL`` where the triangles around a vertex have no area.
+    Of vertices (..., V, 3) in any number of poses and triangles (T, 3), counter-clockwise from outside;
+    ``FALLBACK_NORMAL`` where the triangles around a vertex have no area.
     """
     from scipy.sparse import csr_array
 
@@ -194,17 +190,10 @@ def splat(
     weight: npt.NDArray[np.floating],
     count: int,
 ) -> tuple[Float64, Float64]:
-    """Weighted means of texel values around each vertex.
+    """(V, C) weighted means of texel values (N, C) around each vertex, 0 where nothing lies, and (V,) their mean
+    weight.
 
-    Args:
-        triangles: (N, 3) corners of each texel's triangle.
-        barycentric: (N, 3) weights of the corners.
-        values: (N, C).
-        weight: (N,) >= 0.
-        count: number of vertices V.
-
-    Returns:
-        (V, C) means (0 where nothing lies) and (V,) mean weight in the range of ``weight``.
+    Each texel lies in a triangle with corners (N, 3), by barycentric weights (N, 3), and has a weight (N,) >= 0.
     """
     chosen = np.flatnonzero(weight > 0)
     index = triangles[chosen].ravel()
@@ -222,8 +211,7 @@ def splat(
 def spread_points(area: AnyFloat, each: float) -> tuple[Int64, Float64, AnyFloat]:
     """Points spread over triangles of these areas (T,), at least one on each.
 
-    Returns:
-        of each point (M,) its triangle, weights (M, 3) of the corners, and the area around it, about ``each``.
+    Of each point (M,) its triangle, weights (M, 3) of the corners, and the area around it, about ``each``.
     """
     count = np.maximum(1, np.ceil(area / each)).astype(int)
     index = np.repeat(np.arange(len(area)), count)

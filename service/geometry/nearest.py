@@ -17,11 +17,7 @@ class Nearest:
     """Answers which of some points are nearest to a place."""
 
     def __init__(self, points: AnyFloat) -> None:
-        """Build the tree of points (N, D), N > 0.
-
-        Raises:
-            ValueError: there is no point, or one is not finite.
-        """
+        """Build the tree of points (N, D), N > 0; ValueError where there is none, or one is not finite."""
         import cv2
 
         self._points = np.array(points, np.float32, order="C")  # the tree keeps no copy
@@ -33,10 +29,7 @@ class Nearest:
     def __call__(self, places: AnyFloat, count: int = 1) -> tuple[Float32, Int64]:
         """(M, k) distances to the points that are nearest to places (M, D), nearest first, and their (M, k) indices.
 
-        k is ``count``, or the number of points where that is less.
-
-        Raises:
-            ValueError: a place is not finite.
+        k is ``count``, or the number of points where that is less. ValueError: a place is not finite.
         """
         count = min(count, len(self._points))
         asked = np.ascontiguousarray(places, np.float32)

@@ -136,15 +136,8 @@ def fragments(
 ) -> Fragments:
     """All surfaces behind each pixel, for what is partly transparent; both sides of triangles are drawn.
 
-    Perspective, edges and what is left out are as in :func:`rasterise`.
-
-    Args:
-        points_2d: (V, 2) pixels.
-        depth: (V,) metres along the optical axis.
-        triangles: (T, 3) vertex indices.
-        width: columns.
-        height: rows.
-        nearer: (height, width) only fragments nearer than this are returned; None: all.
+    Points, perspective, edges and what is left out are as in :func:`rasterise`; with ``nearer`` (height, width) only
+    fragments nearer than this are returned.
     """
     points, z = np.asarray(points_2d, np.float64), np.asarray(depth, np.float64)
     faces = np.asarray(triangles, np.int64).reshape(-1, 3)
@@ -321,11 +314,9 @@ def _barycentric(planes: _Planes, t: Int64, x: Float64, y: Float64, perspective:
 
 
 def transmittances(pixel: Int64, alpha: AnyFloat) -> Float32:
-    """(N,) float32 share of light that reaches each fragment through those before it.
+    """(N,) float32 share of light that reaches each fragment, of opacity (N,) in [0, 1], through those before it.
 
-    Args:
-        pixel: (N,) pixel of each fragment, ascending; fragments of one pixel from near to far.
-        alpha: (N,) opacity in [0, 1].
+    Pixels (N,) are ascending, and fragments of one pixel go from near to far.
     """
     # Products over runs of equal pixels are differences of running sums of logarithms; opacity 1 would be infinite.
     through = np.log(np.maximum(1.0 - np.asarray(alpha, np.float64), 1e-9))
@@ -335,13 +326,8 @@ def transmittances(pixel: Int64, alpha: AnyFloat) -> Float32:
 
 
 def composite(pixel: Int64, colour: AnyFloat, alpha: AnyFloat, count: int) -> Float32:
-    """(count, C + 1) float32 colours premultiplied by coverage, and the coverage in [0, 1], of all pixels.
-
-    Args:
-        pixel: as in :func:`transmittances`, below ``count``.
-        colour: (N, C).
-        alpha: (N,) in [0, 1].
-        count: of pixels.
+    """(count, C + 1) float32 colours (N, C) premultiplied by coverage, and the coverage in [0, 1], of so many pixels;
+    fragments as in :func:`transmittances`.
     """
     share = transmittances(pixel, alpha) * np.asarray(alpha, np.float32)
     planes = [np.bincount(pixel, share * np.asarray(colour)[:, k], count) for k in range(np.asarray(colour).shape[1])]

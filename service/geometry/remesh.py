@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from service.arrays import AnyFloat, AnyInt, Bool, Float64, Int64
+from service.geometry.mesh import face_normals, summed
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class Subdivision:
         there = self.side >= 0
         flat, owner = self.side[there], np.nonzero(there)[0]
         faces_of_edge = self.faces_of_edge
-        around = _sum(flat, inner[owner], len(self.edges)) / np.maximum(faces_of_edge, 1)[:, None]
+        around = summed(flat, inner[owner], len(self.edges)) / np.maximum(faces_of_edge, 1)[:, None]
         border = faces_of_edge != 2
         on_edges = np.where(border[:, None], middle, 0.5 * (middle + around))
         return np.concatenate([self._corners(v, inner, middle, border), inner, on_edges])
@@ -100,21 +101,16 @@ class Subdivision:
         valence = np.bincount(corner, minlength=self.count)[:, None]
         ends, index = self.edges.ravel(), np.repeat(np.arange(len(self.edges)), 2)
         n = np.maximum(valence, 1)
-        face_mean = _sum(corner, inner[owner], self.count) / n
+        face_mean = summed(corner, inner[owner], self.count) / n
         edge_count = np.bincount(ends, minlength=self.count)[:, None]
-        edge_mean = _sum(ends, middle[index], self.count) / np.maximum(edge_count, 1)
+        edge_mean = summed(ends, middle[index], self.count) / np.maximum(edge_count, 1)
         smooth = (face_mean + 2 * edge_mean + (n - 3) * v) / n
         # On an open border only its two edges count; points where more than two border edges meet are kept.
         open_ends = border[index]
         borders = np.bincount(ends[open_ends], minlength=self.count)[:, None]
-        along = _sum(ends[open_ends], middle[index[open_ends]], self.count) / np.maximum(borders, 1)
+        along = summed(ends[open_ends], middle[index[open_ends]], self.count) / np.maximum(borders, 1)
         result = np.where(borders == 2, 0.5 * (v + along), v)
         return np.where((borders == 0) & (valence > 0), smooth, result)
-
-
-def _sum(index: Int64, rows: Float64, count: int) -> Float64:
-    """(count, C) sums of rows (N, C) by index (N,)."""
-    return np.stack([np.bincount(index, rows[:, i], count) for i in range(rows.shape[1])], 1)
 
 
 def split_in_four(columns: Float64, triangles: Int64, chosen: Bool) -> tuple[Float64, Int64]:
@@ -181,12 +177,11 @@ def _proper(corners: Int64) -> Bool:
 def _quadrics(points: Float64, triangles: Int64, vertex: Int64) -> Float64:
     """(V, 4, 4) sums of squared distances from the planes of triangles, and from those that hold borders and cuts."""
     corners = vertex[triangles]
-    a, b, c = (points[corners[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
+    normal = face_normals(points, corners)
     size = np.linalg.norm(normal, axis=1)
     unit = normal / np.maximum(size, 1e-18)[:, None]
     out = np.zeros((len(points), 4, 4))
-    _add(out, corners, unit, a, size / 2)
+    _add(out, corners, unit, points[corners[:, 0]], size / 2)
     ends = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
     alone = ~_in_both(ends, vertex)
     start, end = (points[vertex[ends[alone, k]]] for k in (0, 1))
@@ -289,16 +284,11 @@ def _turns(poses: list[Float64], corners: Int64, start: Int64, end: Int64) -> Bo
         moved = corners[rows].copy()
         moved[:, k] = own[rows]
         for points in poses:
-            before, after = _normals(points, corners[rows]), _normals(points, moved)
+            before, after = face_normals(points, corners[rows]), face_normals(points, moved)
             size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
             # No triangle may turn by more in one collapse than the angle with this cosine.
             turned[corners[rows, k][(before * after).sum(1) <= 0.2 * size]] = True
     return np.asarray(turned[start])
-
-
-def _normals(points: Float64, corners: Int64) -> Float64:
-    a, b, c = (points[corners[:, k]] for k in range(3))
-    return np.asarray(np.cross(b - a, c - a))
 
 
 def _lowest_near(graph: csr_matrix, rank: Int64) -> Int64:

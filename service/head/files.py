@@ -51,8 +51,7 @@ def split_polygons(polygons: AnyInt) -> Int32:
 def load_head(path: Path | None = None) -> HeadModel:
     """Read and check a head model file, by default the shipped one.
 
-    Raises:
-        ModelFault: the file is missing, damaged, of another format version, or its arrays contradict each other.
+    ModelFault: it is missing, damaged, of another format version, or its arrays contradict each other.
     """
     path = DEFAULT_HEAD if path is None else path
     try:

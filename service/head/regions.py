@@ -84,10 +84,8 @@ def _edges(head: HeadModel, inside: Bool, upper: Bool, lower: Bool) -> OpeningEd
 def _rows(corners: Int32, inside: Bool, allowed: Bool) -> tuple[Int64, ...]:
     """Up to ``ROWS`` rows of allowed vertices, each adjacent to the one before, the first adjacent to the inside.
 
-    Args:
-        corners: (T, 3) vertices of the skin's triangles.
-        inside: (V,) vertices inside the opening.
-        allowed: (V,) vertices of this edge.
+    Corners are (T, 3) vertices of the skin's triangles; ``inside`` and ``allowed`` (V,) those in the opening and of
+    this edge.
     """
     rows: list[Int64] = []
     taken = inside.copy()

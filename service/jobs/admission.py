@@ -52,12 +52,7 @@ class Bounds:
 
 
 class NoRoom(Exception):
-    """A job was not let in.
-
-    Args:
-        kind: "queue-full" or "quota".
-        facts: the bound that was reached, by name.
-    """
+    """A job was not let in: ``kind`` is "queue-full" or "quota", ``facts`` the bound that was reached, by name."""
 
     def __init__(self, kind: str, **facts: int) -> None:
         super().__init__(kind)
@@ -72,19 +67,13 @@ def lock(connection: sa.Connection) -> None:
 
 
 def check(connection: sa.Connection, tenant: str, bounds: Bounds, *, counted: int = 0) -> None:
-    """Refuse one more job where a bound is reached.
+    """Refuse one more job where a bound is reached, by :class:`NoRoom`.
 
     What decides are counts that each change of a job keeps up to date, so a long queue costs no time here. Only before
     a job is refused are the rows themselves counted, as far as the bound: a worker of an older version keeps no counts.
 
-    Args:
-        connection: in a transaction that has written already (SQLite locks with the first write) or holds :func:`lock`.
-        tenant: whose job it is.
-        bounds: what is allowed.
-        counted: 1 where the job is among the rows already; the counts are without it.
-
-    Raises:
-        NoRoom: it would be one too many.
+    The transaction has written already (SQLite locks with the first write) or holds :func:`lock`. ``counted`` is 1
+    where the job is among the rows already; the counts are without it.
     """
     mine, everybodys = telemetry.jobs_now(connection, tenant), telemetry.jobs_now(connection)
     queued, own = everybodys.get("queued", 0), mine.get("queued", 0) + mine.get("running", 0)
@@ -122,13 +111,8 @@ def _hour(offset: int = 0) -> str:
 
 
 def turn(connection: sa.Connection, tenant: str, job: str, priority: str) -> int:
-    """The turn of a new job, whose row is there already; smaller ones are served first.
-
-    Args:
-        connection: as for :func:`check`.
-        tenant: whose job it is.
-        job: its id.
-        priority: of ``PRIORITIES``.
+    """The turn of a new job, whose row is there already; smaller ones are served first. The transaction is as for
+    :func:`check`.
     """
     low = JOBS.c.turn >= LOW if priority == "low" else JOBS.c.turn < LOW
     turns = sa.select(JOBS.c.turn).where(JOBS.c.id != job, low).order_by(JOBS.c.turn.desc()).limit(1)
@@ -142,15 +126,8 @@ def give_way(connection: sa.Connection, job: sa.RowMapping) -> sa.RowMapping | N
     """The job that uses a turn that has come: of high priority where the tenant has one waiting, else the turn's own.
 
     The two exchange their workflows and their turns. Those of the tenant stay the same, only who has which changes, so
-    nobody else waits longer for it; and however many wait, only two rows change.
-
-    Args:
-        connection: in a transaction.
-        job: row of the job that has the turn.
-
-    Returns:
-        The row of the job that is to run; None where somebody else has just changed one of the two, and the
-        transaction is to be given up.
+    nobody else waits longer for it; and however many wait, only two rows change. None where somebody else has just
+    changed one of the two, and the transaction is to be given up.
     """
     if job["state"] != "queued" or job["priority"] != "normal":
         return job
@@ -185,7 +162,6 @@ class NewJob:
         priority: of ``service.jobs.admission.PRIORITIES``.
         metadata: words of the owner's own.
         webhook: address that is told of the end, None for nobody.
-        trace: the trace that the request belongs to, as its header ``traceparent``; None for none.
     """
 
     id: str
@@ -202,7 +178,6 @@ class NewJob:
     priority: str = "normal"
     metadata: Mapping[str, Any] = field(default_factory=dict)
     webhook: str | None = None
-    trace: str | None = None
 
     def row(self) -> dict[str, Any]:
         """Columns of the job as it is stored first."""

@@ -10,15 +10,10 @@ from service.jobs.process import Reporter, Task
 
 
 def run(task: Task, reporter: Reporter) -> None:
-    """Write the PNG or the zip to ``task.output`` and report ``done`` with the facts.
+    """Write the PNG or the zip to ``task.output`` and report ``done`` with the facts; raises what making it raises.
 
-    Args:
-        task: its options are ``archive``, the artifact's name, and ``request``: ``for`` a tool of
-            ``service.kits.export.TOOLS``, or a picture, as ``parse_request`` wants it.
-        reporter: for the answer.
-
-    Raises:
-        AvatarError: as ``service.kits.export.export_kit`` and ``service.archive.rendering.render_archive``.
+    The task's options are ``archive``, the artifact's name, and ``request``: ``for`` a tool of
+    ``service.kits.export.TOOLS``, or a picture, as ``parse_request`` wants it.
     """
     request = task.options["request"]
     reporter.done((_kit if "for" in request else _picture)(task, request))

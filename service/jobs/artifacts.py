@@ -33,11 +33,8 @@ class Artifacts(Place):
     def signed(self, name: str, seconds: int, disposition: str, head: bool = False) -> str | None:
         """An address at the store that gives out a file for so long; None where the store cannot sign.
 
-        Args:
-            name: of the file.
-            seconds: for which the address holds.
-            disposition: header ``Content-Disposition`` of the answer.
-            head: the address is for HEAD, and not for GET; one does not hold for the other.
+        ``disposition`` is the header ``Content-Disposition`` of the answer. An address for HEAD (``head``) does not
+        hold for GET, nor one for GET for HEAD.
         """
         if self.folder is not None or not self.is_kept_by("s3"):
             return None

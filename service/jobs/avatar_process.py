@@ -35,11 +35,7 @@ expect_photo()
 
 
 def run(task: Task, reporter: Reporter) -> None:
-    """Make the avatar, write the archive and say ``done``.
-
-    Raises:
-        AvatarError: as ``service.pipeline.make_avatar``.
-    """
+    """Make the avatar, write the archive and say ``done``; raises as ``service.pipeline.make_avatar``."""
     data = read_file(task.photo, limit=MOST * Limits().max_bytes)
     if hashlib.sha256(data).hexdigest() != task.photo_sha256:
         raise CorruptImage("the photo was changed on the disk after it was taken; send it again")

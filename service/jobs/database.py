@@ -76,7 +76,6 @@ JOBS = sa.Table(
     sa.Column("turn", sa.Integer, nullable=False, server_default="0"),
     sa.Column("metadata", sa.Text, nullable=False, server_default="{}"),
     sa.Column("webhook", sa.Text),
-    sa.Column("trace", sa.String(64)),
     sa.UniqueConstraint("tenant", "key"),
     sa.Index("avatarme_jobs_list", "tenant", "created_at", "id"),
     sa.Index("avatarme_jobs_list_state", "tenant", "state", "created_at", "id"),
@@ -93,7 +92,7 @@ JOBS = sa.Table(
 )
 """``kind`` is one of :mod:`service.jobs.view`, ``source`` the job of whose result it is made, ``turn`` the place in
 the queue (:mod:`service.jobs.admission`), ``metadata`` the own words of the owner as JSON, of a derived kind the facts,
-``webhook`` the address that wants to know, ``trace`` the trace of the request (``traceparent`` of W3C Trace Context).
+``webhook`` the address that wants to know.
 """
 
 TALLIES = sa.Table(
@@ -154,13 +153,10 @@ which the system would wait a quarter of an hour.
 
 
 def connect(url: str, pool: int = 8, *, ping: bool = True) -> sa.Engine:
-    """An engine for the URL of :class:`service.jobs.settings.Settings`.
+    """An engine for the URL of :class:`service.jobs.settings.Settings`, which keeps ``pool`` connections.
 
-    Args:
-        url: of the database.
-        pool: connections that are kept.
-        ping: ask each connection whether it lives before it is used; without it a call fails once after the database
-            was away, for callers that try again (:func:`patient`).
+    With ``ping`` each connection is asked whether it lives before it is used; without it a call fails once after the
+    database was away, for callers that try again (:func:`patient`).
     """
     if not url.startswith("sqlite"):
         return sa.create_engine(url, pool_size=pool, pool_pre_ping=ping, pool_timeout=10, connect_args=LINE)
@@ -266,11 +262,8 @@ def patient(
 ) -> T:  # fmt: skip
     """Call again and again while the database or the disk fails; after ``PATIENCE`` give up.
 
-    Args:
-        call: what is wanted.
-        faults: that may go by.
-        give_up: ends this process unless told: an exception would be recorded as the result of the step, and the job
-            would fail for what is not its fault. A new process takes the step up again.
+    ``give_up`` ends this process unless told: an exception would be recorded as the result of the step, and the job
+    would fail for what is not its fault. A new process takes the step up again.
     """
     deadline = time.monotonic() + PATIENCE
     while True:

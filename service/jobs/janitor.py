@@ -44,9 +44,6 @@ class Janitor:
 
     Nothing here takes longer with a longer queue: what runs is looked at as a whole, and of what waits the head, which
     a job that the queue forgot reaches as soon as all before it are served.
-
-    Args:
-        runner: of this worker.
     """
 
     def __init__(self, runner: Runner) -> None:
@@ -92,11 +89,8 @@ class Janitor:
     def reconcile(self, *, working: bool = True) -> None:
         """No job that is unfinished for its owner may be finished or unknown for the queue.
 
-        Args:
-            working: whether this worker takes jobs; where not, those that are recorded as its own may stand.
-
-        Raises:
-            LostJob: one that should run here does not.
+        Those that are recorded as this worker's own may stand where it is not ``working``; where it is, one that does
+        not run here is a :class:`LostJob`.
         """
         rows = [row for row in self._store.at_work(HEAD) if row["updated_at"] < now() - SETTLED]
         states = self._queue.states([row["workflow"] for row in rows])
@@ -127,14 +121,7 @@ class Janitor:
         Those are it whose lock is free, which Postgres sees as soon as their connection ends; DBOS has nothing of the
         kind. (A killed worker's jobs were taken over after 2 s, a frozen one's after 67 s.) Those too that gave no sign
         of life, or take no jobs for a fault, twice in a row: a clock that is set forward makes all workers silent until
-        their next sign of life.
-
-        Args:
-            others: of :meth:`others`.
-            lock: of this worker's name.
-
-        Raises:
-            sqlalchemy.exc.SQLAlchemyError: the lock may be lost.
+        their next sign of life. SQLAlchemyError: ``lock``, of this worker's name, may be lost.
         """
         quiet = {name for name, is_silent in others.items() if is_silent}
         dead, self._quiet = lock.dead(others) | (quiet & self._quiet), quiet

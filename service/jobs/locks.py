@@ -25,15 +25,10 @@ TABLES_PATIENCE = 120.0
 
 
 class FileLock:
-    """A lock on a file in the data folder, held until the process ends.
+    """A lock on a file in the data folder, held until the process ends; UsageError where another process holds it.
 
-    Args:
-        folder: made where it is missing.
-        name: of the lock, and of the kind of process in the message.
-        patience: seconds to wait for the process that holds it.
-
-    Raises:
-        UsageError: another process holds it.
+    ``name`` is that of the lock, and of the kind of process in the message; ``patience`` are seconds to wait for
+    whoever holds it. The folder is made where it is missing.
     """
 
     def __init__(self, folder: Path, name: str, patience: float = 0.0) -> None:
@@ -55,12 +50,7 @@ class FileLock:
 class DatabaseLock:
     """Advisory lock of Postgres on a worker's name, held by a connection of its own; nothing with SQLite.
 
-    Args:
-        engine: of the database.
-        worker: the name.
-
-    Raises:
-        UsageError: another worker of that name lives.
+    UsageError: another worker of that name lives.
     """
 
     def __init__(self, engine: sa.Engine, worker: str) -> None:
@@ -80,9 +70,8 @@ class DatabaseLock:
     def dead(self, workers: Collection[str]) -> set[str]:
         """Those of some workers whose lock nobody holds; none with SQLite, which has one worker only.
 
-        Raises:
-            sqlalchemy.exc.SQLAlchemyError: the connection is lost, and with it the lock: this worker may have been
-                replaced and has to end.
+        SQLAlchemyError: the connection is lost, and with it the lock: this worker may have been replaced and has to
+        end.
         """
         if self._connection is None:
             return set()

@@ -132,13 +132,11 @@ _LARGE = 1 << 20
 
 
 def limit_self(memory_mb: int, seconds: float, niceness: int, parent: int) -> None:
-    """Apply the limits.
+    """Apply the limits; the process ends with its ``parent``.
 
-    Args:
-        memory_mb: most private writable memory in MiB, 0 for none; an allocation beyond it raises MemoryError.
-        seconds: processor time per core after which the system ends the process, in case that nobody else does.
-        niceness: to add.
-        parent: process to end with.
+    ``memory_mb`` is the most private writable memory in MiB, 0 for no limit; an allocation beyond it raises
+    MemoryError. ``seconds`` of processor time per core are the system's to end the process after, in case that nobody
+    else does.
     """
     with contextlib.suppress(OSError):
         os.nice(niceness)
@@ -159,11 +157,7 @@ def end_with_parent(parent: int) -> None:
 
 
 def keep_private(folder: Path) -> None:
-    """Let nobody but this process's user read what it writes from now on, nor what lies in a folder already.
-
-    Args:
-        folder: made where it is missing.
-    """
+    """Let nobody but this process's user read what it writes from now on, nor what lies in a folder, which is made."""
     os.umask(0o077)
     folder.mkdir(parents=True, exist_ok=True)
     for place, _, files in os.walk(folder):
@@ -243,11 +237,8 @@ class Ending:
 class JobProcess:
     """A process that loads the program, waits for one task, and ends after it.
 
-    It has a process group of its own, so that its end is the end of all that it started.
-
-    Args:
-        settings: program and limits.
-        noise: file for its standard error; None for this process's own.
+    It has a process group of its own, so that its end is the end of all that it started. Its standard error goes to the
+    file ``noise``, or to this process's own.
     """
 
     def __init__(self, settings: Settings, noise: Path | None = None) -> None:
@@ -265,10 +256,8 @@ class JobProcess:
     def run(self, task: Task, progress: Callable[[dict[str, Any]], None], stop: Callable[[], bool]) -> Ending:
         """Hand over a task and wait for its end.
 
-        Args:
-            task: the job.
-            progress: called with each line that is neither "done" nor "problem".
-            stop: asked every ``TICK``; True ends the process.
+        ``progress`` is called with each line that is neither "done" nor "problem"; ``stop`` is asked every ``TICK``,
+        and True ends the process.
         """
         with contextlib.suppress(OSError):
             if self._process.stdin is not None:

@@ -56,9 +56,6 @@ class Queue:
     """Puts workflows into the queue, takes them out and looks at them, all by public calls of DBOS.
 
     What it lists is bounded by what runs or by what is asked for, never by what waits.
-
-    Args:
-        engine: of the database that the jobs are in.
     """
 
     def __init__(self, engine: sa.Engine) -> None:
@@ -68,23 +65,16 @@ class Queue:
         )  # fmt: skip
 
     def put(self, connection: sa.Connection, job: Mapping[str, Any] | sa.RowMapping) -> None:
-        """Put the workflow of a job into the queue, as :meth:`enqueue`.
-
-        Args:
-            connection: of the transaction.
-            job: ``id``, ``workflow``, ``kind`` and ``turn`` of the job.
+        """Put the workflow of a job (its ``id``, ``workflow``, ``kind`` and ``turn``) into the queue, as
+        :meth:`enqueue`.
         """
         self.enqueue(connection, KINDS[job["kind"]].place, WORKFLOW, job["workflow"], job["turn"], job["id"])
 
     def put_message(self, connection: sa.Connection, job: Mapping[str, Any] | sa.RowMapping, attempt: int = 1) -> None:
         """Put an attempt to tell of the end of a job into the queue, inside the caller's transaction; twice is once.
 
-        Messages of one tenant to one host are sent one after the other, those of others beside them.
-
-        Args:
-            connection: of the transaction.
-            job: ``id``, ``tenant`` and ``webhook`` of the job.
-            attempt: its number, from 1 to ``ATTEMPTS``; each one after the first is due after its pause.
+        Messages of one tenant to one host are sent one after the other, those of others beside them. Attempts count
+        from 1 to ``ATTEMPTS``; each one after the first is due after its pause.
         """
         host = job["webhook"].split("/")[2].lower()
         receiver = f"{job['tenant']}\n{host}"

@@ -74,13 +74,7 @@ lost before counts no more.
 
 
 def rest(store: Store, job: str, stopping: threading.Event) -> None:
-    """Let a job rest that is suspected, unless the worker was lost while it did.
-
-    Args:
-        store: the jobs.
-        job: which.
-        stopping: set when the worker ends.
-    """
+    """Let a job rest that is suspected, unless the worker was lost while it did; until ``stopping`` at the longest."""
     row = patient(lambda: store.get(job))
     if row is None or not (row["resting"] or SUSPECTED <= row["losses"] < LOSSES):
         return
@@ -113,13 +107,7 @@ Who kills everything reaches one process after the other, and that is no crash o
 
 
 class Runner:
-    """The steps of a job on this machine, its processes, and what is decided by how they end.
-
-    Args:
-        settings: of this worker.
-        store: the jobs.
-        artifacts: their files.
-    """
+    """The steps of a job on this machine, its processes, and what is decided by how they end."""
 
     def __init__(self, settings: Settings, store: Store, artifacts: Artifacts) -> None:
         self.settings = settings
@@ -141,9 +129,8 @@ class Runner:
     def make(self, job: str) -> dict[str, Any]:
         """Second step: compute the archive in a process of its own.
 
-        Returns:
-            ``kind`` "done" with the facts of the archive, "problem" with a problem object, or "ended" where the job
-            has ended meanwhile.
+        Gives ``kind`` "done" with the facts of the archive, "problem" with a problem object, or "ended" where the job
+        has ended meanwhile.
         """
         row = self._row(job)
         if row is None or row["state"] in FINAL:
@@ -160,8 +147,7 @@ class Runner:
     def publish(self, job: str, outcome: dict[str, Any]) -> str:
         """Last step: the owner sees the outcome, and what is no longer needed is erased.
 
-        Returns:
-            "published", or "lost" where the archive is not on the disk any more.
+        "published", or "lost" where the archive is not on the disk any more.
         """
         expires = now() + self.settings.result_hours * 3600
         if outcome["kind"] == "done":
@@ -316,12 +302,7 @@ class Runner:
 def task_of(row: Row, source: Row | None, settings: Settings, scratch: Path, photo: Path) -> Task:
     """What the process of a job is told.
 
-    Args:
-        row: of the job.
-        source: of a derived kind, row of the job whose archive it is made of.
-        settings: of the worker.
-        scratch: folder for the result.
-        photo: path of the photo; of a derived kind anything.
+    ``source`` is, of a derived kind, the row of the job whose archive it is made of, and its ``photo`` is any path.
     """
     kind, options = KINDS[row["kind"]], json.loads(row["options"])
     if source is not None:

@@ -33,54 +33,11 @@ _Hosts = Annotated[
 
 @dataclass(frozen=True, kw_only=True, config=CHECKED)
 class Settings(Checked):
-    """Settings of one server or worker process.
+    """Settings of one server or worker process: the variables of docs/service.md, which says what each one is for.
 
-    Attributes:
-        data: folder of the database, uploads and results.
-        database: SQLAlchemy URL of a Postgres database that several machines share; "" for SQLite in ``data``.
-        artifacts: fsspec URL (``s3://bucket/prefix``, ``file:///mnt/shared``) for photos and results; "" for ``data``.
-        signed_downloads: send whoever downloads to the store, with an address that holds for five minutes, where the
-            store can sign (S3) and everybody reaches it; else this server passes all bytes on.
-        worker: name of this worker, different for each one and the same after a restart.
-        jobs: photos that one worker computes at the same time, >= 1.
-        batches: shards of batches that one worker computes at the same time beside its jobs; 0 for none.
-        look_seconds: between two looks of a worker into each of its queues, which are most of what it does beside
-            jobs; of all workers of a database, what the one that started last has.
-        memory_mb: most memory of one job in MiB, 0 for no limit of ours.
-        job_seconds: longest time of one job; many times what it takes, as other work may keep the machine busy.
-        niceness: added to the niceness of a job's process, so that answers do not wait for it.
-        result_hours: how long a finished job is kept.
-        tombstone_hours: how long after that its address says that it is gone.
-        max_queued: jobs that may wait, all tenants together.
-        reserve_mb: free space in MiB that uploads may not use up and without which no job begins; it has to hold
-            the kept stages and the archive of a job.
-        host, port: where to listen.
-        allowed_hosts: names for the Host header, joined by commas; "" for addresses and the names of this machine.
-        keys: path of the file of API keys; "" for a server without keys.
-        first_key: make that file with one key where it is missing; the key itself is left beside it, in first-key.txt.
-        anybody: serve without keys although others than this machine can reach ``host``.
-        max_unfinished: jobs that may be unfinished for one tenant, where its key says nothing else.
-        decode_mb: memory in MiB for looking photos through; 0 for what machine or container have but for 512 MiB.
-        uploads: uploads that are received at the same time.
-        connections: that one address may have open at the same time, 0 for any number; behind a proxy all are its.
-        renders: pictures that one worker renders at the same time, each in a process with the limits of a job.
-        render_seconds: longest time of one picture.
-        render_wait_seconds: how long a request waits for its picture before it is answered with the picture's job.
-        exports: kits that one worker makes at the same time, likewise.
-        export_seconds: longest time of one kit.
-        header_seconds: longest time for the head of a request.
-        body_seconds: longest time for the body of a request.
-        idle_seconds: longest pause inside the body of a request.
-        stalled_seconds: longest time that a reader of an answer may stand still.
-        notice_seconds: how long requests are still answered after SIGTERM, ``/readyz`` with 503.
-        webhook_hosts: hosts that may be told of the end of a job, joined by commas; "" for none.
-        webhook_secret: path of the file with the secret that messages are signed with; needed with ``webhook_hosts``.
-        webhook_private: hosts may have addresses of a private network, and be told over plain HTTP.
-        program: module that computes an avatar; tests put a small one here.
-        archive_program: module that makes a picture or a kit of an archive; likewise.
-
-    Raises:
-        UsageError: a value is not of its kind or out of range; names it and what would be right.
+    Beside these, ``batches`` are shards of batches that one worker computes at the same time (0 for none), and
+    ``program`` and ``archive_program`` the modules that compute an avatar, and a picture or a kit of an archive; tests
+    put small ones there. UsageError names a value that is not of its kind or out of range, and what would be right.
     """
 
     data: Path = Path("avatarme-data")
@@ -163,8 +120,7 @@ def from_json(text: str) -> Settings:
 def from_environment(flags: Mapping[str, Any], environment: Mapping[str, str] = os.environ) -> Settings:
     """Settings from flags (None: not given), then the environment, then the defaults.
 
-    Raises:
-        UsageError: as :class:`Settings`; names the variable where the value is from one.
+    UsageError: as :class:`Settings`; names the variable where the value is from one.
     """
     variables = {field.name: PREFIX + field.name.upper() for field in fields(Settings)}
     named = {name: environment[variable] for name, variable in variables.items() if variable in environment}

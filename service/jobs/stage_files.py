@@ -45,13 +45,11 @@ class Damaged(Exception):
 
 
 def kept_types(module: ModuleType) -> dict[str, type]:
-    """Dataclasses that the functions of a module's namespace return, and those that they hold in turn.
+    """Dataclasses that the functions of a module's namespace return, and those that they hold in turn, by module and
+    name.
 
     What the stages of ``service.pipeline`` may hand on thereby follows from their annotations, and a file that names
     anything else is refused.
-
-    Returns:
-        By module and name, as ``service.photo.photo.Photo``.
     """
     found: dict[str, type] = {}
     waiting = [get_type_hints(made).get("return") for made in vars(module).values() if isfunction(made)]
@@ -69,17 +67,11 @@ def _name(kind: type) -> str:
 
 
 def pack(value: object, kinds: Mapping[str, type], stream: BinaryIO) -> None:
-    """Write a value so that :func:`unpack` gives an equal one, to the last bit; maps go through in pieces.
+    """Write a value to an empty file so that :func:`unpack` gives an equal one, to the last bit; maps go through in
+    pieces.
 
-    Args:
-        value: a dataclass out of ``kinds``, an array without objects, a number, a string, None, or a tuple, list or
-            dictionary (with strings as keys) of such.
-        kinds: dataclasses that may occur; see :func:`kept_types`.
-        stream: an empty file.
-
-    Raises:
-        TypeError: the value holds something else.
-        OSError: as the stream raises it.
+    A value is a dataclass out of ``kinds`` (:func:`kept_types`), an array without objects, a number, a string, None, or
+    a tuple, list or dictionary (with strings as keys) of such; TypeError where it holds something else.
     """
     arrays: list[np.ndarray[Any, Any]] = []
     tree = json.dumps(_plain(value, kinds, arrays)).encode()
@@ -95,16 +87,11 @@ def pack(value: object, kinds: Mapping[str, type], stream: BinaryIO) -> None:
 
 
 def unpack(stream: IO[bytes], kinds: Mapping[str, type], *, mapped: bool = False) -> Any:
-    """The inverse of :func:`pack`.
+    """The inverse of :func:`pack`; :class:`Damaged` where bytes were cut off or changed, or name a dataclass that is
+    gone.
 
-    Args:
-        stream: the file.
-        kinds: as for :func:`pack`.
-        mapped: leave the arrays in the file, which has to be one of this machine: they cannot be changed, and their
-            pages are no memory of this process, as the system may drop them and read them again.
-
-    Raises:
-        Damaged: the bytes were cut off or changed, or name a dataclass that is not there any more.
+    ``mapped`` leaves the arrays in the file, which has to be one of this machine: they cannot be changed, and their
+    pages are no memory of this process, as the system may drop them and read them again.
     """
     expected, digest = stream.read(_HASH), hashlib.sha256()
     while block := stream.read(_BLOCK):
@@ -205,11 +192,7 @@ class Digests:
         self._taken: dict[int, tuple[weakref.ref[Any], bytes]] = {}
 
     def __call__(self, value: object) -> bytes:
-        """sha256 of a value: equal values have equal ones.
-
-        Raises:
-            TypeError: the value holds something that is no data, for example a function.
-        """
+        """sha256 of a value, equal for equal ones; TypeError where it holds what is no data, for example a function."""
         ref, taken = self._taken.get(id(value), (None, b""))
         if ref is not None and ref() is value:
             return taken
@@ -299,12 +282,7 @@ class KeptStages:
         return value
 
     def _load(self, address: str) -> Any:
-        """The result in a file.
-
-        Raises:
-            FileNotFoundError: there is none.
-            Damaged: as :func:`service.jobs.stage_files.unpack`.
-        """
+        """The result in a file; FileNotFoundError, or Damaged as of :func:`service.jobs.stage_files.unpack`."""
         store = self.artifacts
         with store.local(address, self.scratch).open("rb") if self.mapped else store.open(address) as stream:
             return unpack(stream, self.kinds, mapped=self.mapped)

@@ -33,11 +33,7 @@ ASKED = 500
 
 
 class Store:
-    """Reads and changes jobs; safe for many threads and processes at once.
-
-    Args:
-        engine: of the database.
-    """
+    """Reads and changes jobs; safe for many threads and processes at once."""
 
     def __init__(self, engine: sa.Engine) -> None:
         self.engine = engine
@@ -58,13 +54,8 @@ class Store:
         return self._one(sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.key == key))
 
     def page(self, tenant: str, limit: int, after: Row | None, state: str | None = None) -> list[Row]:
-        """Avatars of a tenant, newest first, those that are gone left out.
-
-        Args:
-            tenant: whose.
-            limit: at most so many.
-            after: the last job of the page before; None for the first page.
-            state: only those in this state.
+        """Avatars of a tenant, newest first, those that are gone left out: of one ``state``, after the last job of a
+        page.
         """
         query = sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.gone.is_(None), JOBS.c.kind == "avatar")
         if after is not None:
@@ -126,13 +117,7 @@ class Store:
     def add(self, job: NewJob, bounds: Bounds | None = None) -> Row:
         """Let a job in, store it and put it into the queue, in one transaction.
 
-        Args:
-            job: the job.
-            bounds: what is allowed; None for anything.
-
-        Raises:
-            KeyInUse: another job of this tenant has the key.
-            NoRoom: a bound is reached.
+        KeyInUse: another job of this tenant has the key. NoRoom: one of ``bounds`` is reached.
         """
         try:
             with self.engine.begin() as connection:
@@ -153,19 +138,14 @@ class Store:
         return row
 
     def room(self, tenant: str, bounds: Bounds) -> None:
-        """Whether one more job would be let in now; :meth:`add` decides.
-
-        Raises:
-            NoRoom: it would not.
-        """
+        """Whether one more job would be let in now, NoRoom if not; :meth:`add` decides."""
         with self.engine.connect() as connection:
             admission.check(connection, tenant, bounds)
 
     def begin(self, workflow: str) -> str | None:
         """A workflow has its turn: the job that uses it runs from now on.
 
-        Returns:
-            The id of the job, whose workflow it now is; None where no unfinished job has it.
+        Gives the id of the job, whose workflow it now is; None where no unfinished job has it.
         """
         with self.engine.connect() as connection:
             while True:
@@ -217,11 +197,8 @@ class Store:
     def succeed(self, job: str, result: Mapping[str, Any], expires_at: float) -> bool:
         """The job has its archive; False where it had ended before.
 
-        Args:
-            job: which.
-            result: ``archive`` (name of the artifact), ``sha256``, ``bytes``, ``warnings``, ``timings``,
-                ``peak_rss_mb``; of a derived kind also ``facts``.
-            expires_at: when it is erased.
+        ``result`` has ``archive`` (name of the artifact), ``sha256``, ``bytes``, ``warnings``, ``timings``,
+        ``peak_rss_mb``; of a derived kind also ``facts``.
         """
         more: dict[str, Any] = {"metadata": json.dumps(result["facts"])} if "facts" in result else {}
         return self._end(
@@ -258,10 +235,7 @@ class Store:
     def _end(self, job: str, *, alone: bool = False, **values: Any) -> bool:
         """The job comes to its last state, is counted and told of; False where it had ended before.
 
-        Args:
-            job: which.
-            alone: no earlier event stays.
-            values: of its columns.
+        With ``alone`` no earlier event stays.
         """
         while True:
             with self.engine.begin() as connection:
@@ -280,7 +254,6 @@ class Store:
                 telemetry.count_stages(connection, json.loads(row["timings"]))
                 telemetry.count_change(connection, row["tenant"], before, row["state"])
             telemetry.log_ended(row)
-            telemetry.trace_ended(row)
             return True
 
     def _changed(
@@ -316,16 +289,8 @@ _FOLD_S = 0.25
 def let_go(store: Store, row: Row, reason: str, expires: float | None = None) -> list[str]:
     """Cancel a job that is unfinished, forget the result of one that has ended; the same for what was made of it.
 
-    Files are removed by whoever sweeps afterwards.
-
-    Args:
-        store: the jobs.
-        row: of the job.
-        reason: "erased" or "expired".
-        expires: until when a cancelled job says that it was; None for now.
-
-    Returns:
-        Ids of the jobs whose files may go.
+    Gives the ids of the jobs whose files may go; whoever sweeps removes these. ``reason`` is "erased" or "expired"; a
+    cancelled job says until ``expires`` that it was.
     """
     derived = store.where(IS_DERIVED, JOBS.c.source == row["id"], JOBS.c.gone.is_(None))
     for one in (*derived, row):
@@ -366,8 +331,7 @@ def forget(engine: sa.Engine, job: str) -> None:
 def checkpoint(engine: sa.Engine) -> bool:
     """Fold SQLite's write-ahead log into the database and empty it: what was overwritten is nowhere any more.
 
-    Returns:
-        Whether the log is empty; not so while somebody reads.
+    Whether the log is empty; not so while somebody reads.
     """
     if engine.dialect.name != "sqlite":
         return True

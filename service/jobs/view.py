@@ -29,11 +29,7 @@ STATES = ("queued", "running", *FINAL)
 
 
 def job_json(row: sa.RowMapping | Mapping[str, Any]) -> dict[str, Any]:
-    """State of a job.
-
-    Args:
-        row: a row of ``service.jobs.database.JOBS``.
-    """
+    """State of a job, of a row of ``service.jobs.database.JOBS``."""
     kind = KINDS[row["kind"]]
     address = f"/v1/{kind.place}/{row['id']}"
     done = row["state"] == "succeeded" and row["gone"] is None

@@ -54,15 +54,10 @@ class Target:
 
 
 def target(url: str, hosts: str, *, private: bool) -> Target:
-    """The target of a ``webhook_url``.
+    """The target of a ``webhook_url``, as a stranger sent it; UsageError where it is none, or its host is not listed.
 
-    Args:
-        url: as a stranger sent it.
-        hosts: the operator's list, names or ``name:port``, joined by commas.
-        private: whether plain HTTP is allowed, as inside a network of the operator's own.
-
-    Raises:
-        UsageError: it is no such address, or its host is not listed.
+    ``hosts`` is the operator's list, names or ``name:port``, joined by commas; ``private`` allows plain HTTP, as inside
+    a network of the operator's own.
     """
     listed = {name.strip().lower() for name in hosts.split(",") if name.strip()}
     if not listed:
@@ -84,9 +79,8 @@ def target(url: str, hosts: str, *, private: bool) -> Target:
 def resolved(where: Target, *, private: bool) -> str:
     """The address of a target to connect to; looked up once, so that what was checked is what is reached.
 
-    Raises:
-        UsageError: one of its addresses may not be reached. Which one is for the operator to know, not for strangers.
-        OSError: the name has no address.
+    UsageError: one of its addresses may not be reached; which one is for the operator to know, not for strangers.
+    OSError: the name has no address.
     """
     found = socket.getaddrinfo(where.host, where.port, type=socket.SOCK_STREAM)
     addresses = list(dict.fromkeys(str(entry[4][0]) for entry in found))
@@ -100,11 +94,7 @@ def resolved(where: Target, *, private: bool) -> str:
 
 
 async def expect_reachable(where: Target, *, private: bool) -> None:
-    """Refuse a target that may not be reached now; where its name has no address now, it may have one later.
-
-    Raises:
-        UsageError: as of :func:`resolved`.
-    """
+    """Refuse a target that may not be reached now, as :func:`resolved`; one without an address may have one later."""
     with contextlib.suppress(OSError):  # TimeoutError is one
         await asyncio.wait_for(asyncio.to_thread(resolved, where, private=private), LOOKUP_S)
 
@@ -140,8 +130,7 @@ SENDERS = 16
 def secret_of(text: bytes) -> bytes:
     """The secret in the text of a file: as Standard Webhooks 1 writes it (``whsec_`` and base64), or the text itself.
 
-    Raises:
-        binascii.Error: what follows ``whsec_`` is no base64.
+    binascii.Error: what follows ``whsec_`` is no base64.
     """
     secret = text.strip()
     coded = secret.removeprefix(b"whsec_")
@@ -151,11 +140,7 @@ def secret_of(text: bytes) -> bytes:
 def signature(secret: bytes, name: str, moment: int, body: bytes) -> str:
     """``v1,`` and the base64 of the HMAC-SHA256 of ``NAME.MOMENT.BODY``, as Standard Webhooks 1 has it.
 
-    Args:
-        secret: that the receiver knows too.
-        name: of the message, the same each time that it is sent.
-        moment: seconds since 1970.
-        body: that is sent.
+    The name of a message is the same each time that it is sent; the moment is in seconds since 1970.
     """
     digest = hmac.new(secret, f"{name}.{moment}.".encode() + body, hashlib.sha256).digest()
     return "v1," + base64.b64encode(digest).decode()
@@ -164,9 +149,7 @@ def signature(secret: bytes, name: str, moment: int, body: bytes) -> str:
 def send(where: Target, name: str, moment: int, body: bytes, secret: bytes, *, private: bool) -> int:
     """Send a message; returns the status of the answer, which is not read further. No redirection is followed.
 
-    Raises:
-        UsageError: it may not be reached.
-        OSError: there is no way there, time is over, or what answers is no HTTP.
+    UsageError: it may not be reached. OSError: there is no way there, time is over, or what answers is no HTTP.
     """
     import httpx  # here only: what takes requests has nothing to fetch with
 
@@ -195,18 +178,11 @@ def send(where: Target, name: str, moment: int, body: bytes, secret: bytes, *, p
 
 
 def tell(store: Store, settings: Settings, job: str, attempt: int) -> str:
-    """One attempt to tell of the end of a job; the next one waits in the queue where it does not arrive.
+    """One attempt to tell of the end of a job; what came of it, in words. The next one waits in the queue where it does
+    not arrive.
 
-    A host that is not listed any more, or leads where nothing may be sent, is given up at once.
-
-    Args:
-        store: the jobs.
-        settings: hosts that may be told, and the secret.
-        job: which; of one that was erased meanwhile nobody is told.
-        attempt: its number, from 1 to ``ATTEMPTS``.
-
-    Returns:
-        What came of it, in words.
+    A host that is not listed any more, or leads where nothing may be sent, is given up at once; of a job that was
+    erased meanwhile nobody is told.
     """
     row = store.get(job)
     if row is None or row["webhook"] is None:

@@ -37,14 +37,9 @@ log = logging.getLogger(__name__)
 
 
 class Worker:
-    """One worker, from its start to its end.
+    """One worker, from its start to its end; ``more`` gives what it does besides jobs.
 
-    Args:
-        settings: of this worker.
-        more: gives what it does besides jobs.
-
-    Raises:
-        UsageError: another process has the data folder or the name.
+    UsageError: another process has the data folder or the name.
     """
 
     def __init__(self, settings: Settings, more: Callable[[Worker], Sequence[Workflows]] = lambda worker: ()) -> None:
@@ -221,13 +216,10 @@ print(json.dumps(faults))
 
 
 def faults(settings: Settings) -> list[str]:
-    """One sentence for each thing that is not well; empty when all is.
+    """One sentence for each thing that is not well; empty when all is, or where another program than the pipeline runs.
 
-    Hashes of all data files are compared and all networks are loaded, in a process of its own: native code that
-    crashes must not take the worker along, and loading brings the files into the system's cache.
-
-    Args:
-        settings: of the worker; where it runs another program than the pipeline, nothing is checked.
+    Hashes of all data files are compared and all networks are loaded, in a process of its own: native code that crashes
+    must not take the worker along, and loading brings the files into the system's cache.
     """
     if settings.program != "service.jobs.avatar_process":
         return []

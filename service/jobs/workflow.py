@@ -49,13 +49,9 @@ class Workflows:
 
 
 def launch(settings: Settings, *kinds: Workflows) -> None:
-    """Start to take work from the queues, that first which this worker had when it ended.
+    """Start to take work of these kinds from the queues, that first which this worker had when it ended.
 
     DBOS keeps the limits of a queue in the database, for all workers: those of the worker that started last hold.
-
-    Args:
-        settings: of this worker.
-        kinds: what it can do.
     """
     config: DBOSConfig = {
         "name": APPLICATION,

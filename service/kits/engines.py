@@ -180,9 +180,7 @@ PACKING: dict[str, tuple[Packed, ...]] = {
 def write_engine_kit(source: ArchiveFile, folder: Path, tool: str) -> list[Path]:
     """Levels of detail, textures, the environment, and ``kit.json``, which says what is what.
 
-    Raises:
-        BadArchive: the archive cannot be used.
-        OutputFault: a file could not be written.
+    BadArchive: the archive cannot be used. OutputFault: a file could not be written.
     """
     charts, facts = KitCharts(source), kit_facts(source)  # what can be refused comes before what is written
     more = ("mesh/head.usda", "mesh/head.mtlx", "maps/") if tool == "maya" else ()

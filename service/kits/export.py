@@ -52,8 +52,7 @@ def blender() -> list[str] | None:
 def build_scene(folder: Path) -> Path | None:
     """Build ``avatar.blend`` in a kit's folder by Blender; None where there is no Blender.
 
-    Raises:
-        OutputFault: Blender could not build it; says what it said.
+    OutputFault: Blender could not build it; says what it said.
     """
     command = blender()
     if command is None:
@@ -77,11 +76,7 @@ TOOLS = ("blender", "unreal", "unity", "maya")
 
 
 def known_tool(tool: object) -> str:
-    """The name of a tool.
-
-    Raises:
-        UsageError: there is no kit for it.
-    """
+    """The name of a tool; UsageError where there is no kit for it."""
     if not isinstance(tool, str) or tool not in TOOLS:
         raise UsageError(f"for is {tool!r:.60}; there are {', '.join(TOOLS)}", field="for")
     return tool
@@ -114,10 +109,8 @@ class Kit:
 def export_kit(archive: Path, tool: str, folder: Path) -> Kit:
     """Write the kit of an archive for a tool into a folder, which is made.
 
-    Raises:
-        UsageError: no such tool or archive, or the folder holds other things.
-        BadArchive: the archive cannot be used.
-        OutputFault: a file could not be written, or Blender could not build the scene.
+    UsageError: no such tool or archive, or the folder holds other things. BadArchive: the archive cannot be used.
+    OutputFault: a file could not be written, or Blender could not build the scene.
     """
     from service.kits.engines import write_engine_kit  # loads numpy, which the server does without
     from service.kits.source import opened

@@ -24,11 +24,9 @@ from service.materials.part import MeshPart
 
 
 def opened(path: Path) -> ArchiveFile:
-    """An archive that has what kits are made of.
+    """An archive that has what kits are made of; UsageError where there is no such file.
 
-    Raises:
-        UsageError: there is no such file.
-        BadArchive: not an archive of this program, or of a version without materials and joints.
+    BadArchive: not an archive of this program, or of a version without materials and joints.
     """
     archive = ArchiveFile.open(path)
     if any(name not in archive.manifest for name in ("materials", "joints", "parts", "head")):
@@ -39,9 +37,7 @@ def opened(path: Path) -> ArchiveFile:
 def extract(archive: ArchiveFile, folder: Path, prefixes: tuple[str, ...]) -> list[Path]:
     """Write the files under some prefixes into a folder, under their names; returns where they are.
 
-    Raises:
-        BadArchive: one is damaged.
-        OutputFault: one could not be written.
+    BadArchive: one is damaged. OutputFault: one could not be written.
     """
     names = [name for name in archive.names if name.startswith(prefixes)]
     for name in names:
@@ -61,8 +57,7 @@ def write(path: Path, data: bytes) -> None:
 def materials_of(source: ArchiveFile) -> dict[str, Material]:
     """Materials by name, with all their maps; textures of parts' own are decoded.
 
-    Raises:
-        BadArchive: the manifest's materials are not as they should be, or a texture cannot be read.
+    BadArchive: the manifest's materials are not as they should be, or a texture cannot be read.
     """
     known: dict[str, Map] = {}
     materials = described_parts(source.manifest)[1]
@@ -73,15 +68,9 @@ MOST_USD_BYTES = 256 << 20
 
 
 def read_parts(data: bytes, manifest: Mapping[str, Any], materials: Mapping[str, Material]) -> list[MeshPart]:
-    """Parts in their neutral pose; ``vertices`` is neutral too.
+    """Parts of ``mesh/head.usda`` in their neutral pose; ``vertices`` is neutral too.
 
-    Args:
-        data: the file.
-        manifest: says which material and which bone each part has.
-        materials: by name.
-
-    Raises:
-        BadArchive: the file is not as the archive's.
+    The manifest says which material and which bone each part has. BadArchive: the file is not as the archive's.
     """
     if len(data) > MOST_USD_BYTES:
         raise BadArchive(f"mesh/head.usda has {len(data)} bytes; at most {MOST_USD_BYTES} are accepted")

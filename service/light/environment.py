@@ -107,22 +107,14 @@ def names() -> tuple[str, ...]:
 
 
 def check_name(environment: Environment) -> None:
-    """Refuse a name that no shipped environment has.
-
-    Raises:
-        UsageError: there is none of that name.
-    """
+    """Refuse a name that no shipped environment has, by UsageError."""
     if environment.name is not None and environment.name not in _shipped():
         words = f"no environment {shown(environment.name)}; there are {', '.join(names())}"
         raise UsageError(words, field="environment/name")
 
 
 def radiance(environment: Environment) -> Float64:
-    """(64, 128, 3) float64 linear radiance >= 0, rotated and scaled as the scene says.
-
-    Raises:
-        UsageError: no environment of that name.
-    """
+    """(64, 128, 3) float64 linear radiance >= 0, rotated and scaled as the scene says; UsageError: an unknown name."""
     made = _sky(environment)
     check_name(environment)
     if environment.name is not None:
@@ -248,8 +240,7 @@ def _kernel(alpha: float) -> Float32:
 def prefiltered(sky: AnyFloat) -> Float32:
     """(6, 3, 32, 64) float32 linear radiance for each of ``LEVEL_ALPHAS`` and each mirror direction; about 0.1 s.
 
-    Args:
-        sky: (H, W, 3) linear radiance, sides multiples of 32 and 64.
+    The sky is (H, W, 3) linear radiance, its sides multiples of 32 and 64.
     """
     rows, columns = sky.shape[0] // LEVEL_SIZE[0], sky.shape[1] // LEVEL_SIZE[1]
     blocks = np.asarray(sky, np.float32).reshape(LEVEL_SIZE[0], rows, LEVEL_SIZE[1], columns, 3)

@@ -75,18 +75,11 @@ def sh_basis(normals: Float64) -> Float64:
 
 
 def estimate_light(normals: Float64, colours: Float64, weights: Float64) -> Float64 | None:
-    """Estimate the light from skin colours, up to the skin's unknown mean albedo.
+    """Estimate the light from skin colours (N, 3), linear RGB in [0, 1], up to the skin's unknown mean albedo.
 
-    Ridge regression with robust weights: brows, lips and cast shadows are outliers of a one-albedo model.
-
-    Args:
-        normals: (N, 3) unit, any frame; the light is in the same.
-        colours: (N, 3) linear RGB in [0, 1].
-        weights: (N,) >= 0.
-
-    Returns:
-        (9, 3) coefficients scaled so that E / pi has a mean luminance of one over the skin; None where fewer than 30
-        points have weight or the skin is black.
+    Ridge regression with robust weights: brows, lips and cast shadows are outliers of a one-albedo model. The light is
+    in the frame of the unit normals (N, 3): (9, 3) coefficients scaled so that E / pi has a mean luminance of one over
+    the skin; None where fewer than 30 points have weight or the skin is black.
     """
     used = (weights > 0) & np.isfinite(colours).all(1) & np.isfinite(normals).all(1)
     if int(used.sum()) < 30:
@@ -117,11 +110,7 @@ PIECE = 1 << 17
 
 
 class Graphs:
-    """Runs graphs by name.
-
-    Args:
-        threads: compute threads of each.
-    """
+    """Runs graphs by name, each on so many compute threads."""
 
     def __init__(self, threads: int = 2) -> None:
         self._threads = threads
@@ -129,9 +118,8 @@ class Graphs:
     def run(self, name: str, **inputs: AnyFloat) -> Float32:
         """The first output of one graph.
 
-        Raises:
-            ModelFault: the graph is missing, changed, or refuses the inputs.
-            NumericFault: an input or the result is not finite.
+        ModelFault: the graph is missing, changed, or refuses the inputs. NumericFault: an input or the result is not
+        finite.
         """
         arrays = {key: np.ascontiguousarray(value, np.float32) for key, value in inputs.items()}
         return np.asarray(session(name, self._threads).run(arrays)[0], np.float32)
@@ -152,12 +140,8 @@ class Graphs:
     def lit(self, name: str, occluders: Float32, spacing_mm: float, points: Float32, towards: Float32) -> Float32:
         """(N,) share of light in [0, 1] from a direction or a point (3,), see ``models.lightstage.light.graphs``.
 
-        Args:
-            name: ``lit_from_direction`` or ``lit_from_point``.
-            occluders: (3, M) mm.
-            spacing_mm: how far apart they are.
-            points: (6, N) position in mm and smooth unit normal.
-            towards: direction, or position in mm.
+        ``name`` is ``lit_from_direction`` or ``lit_from_point`` (mm). Occluders are (3, M) mm, ``spacing_mm`` apart;
+        points (6, N) positions in mm and smooth unit normals.
         """
         cells = _cells(name, occluders, spacing_mm, towards)
         # Depth of empty cells.
@@ -236,12 +220,7 @@ def with_flesh(irradiance: Float32, openness: Float32, albedo: Float32, radiosit
 
 
 def disc_of(light: PointLight, centre_m: Float64) -> Float64:
-    """(S, 3) metres, points on the disc that faces the head, S = 1 to 16 (sunflower pattern).
-
-    Args:
-        light: the lamp.
-        centre_m: (3,) middle of the head.
-    """
+    """(S, 3) metres, points on a lamp's disc that faces the head's middle (3,), S = 1 to 16 (sunflower pattern)."""
     at = np.asarray(light.position_m, np.float64)
     towards = np.asarray(centre_m, np.float64) - at
     distance = max(float(np.linalg.norm(towards)), 1e-3)

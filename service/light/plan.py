@@ -160,10 +160,8 @@ class LightPlan:
         return tuple(d for d in self.decisions if not d.runs)
 
     def runs(self, effect: str, light: int | None = None) -> bool:
-        """Whether an effect is computed.
-
-        Raises:
-            KeyError: the plan knows no such effect or light (it was made for another scene).
+        """Whether an effect is computed; KeyError where the plan knows no such effect or light (it was made for another
+        scene).
         """
         for d in self.decisions:
             if d.effect == effect and d.light == light:
@@ -189,16 +187,10 @@ def _items(lights: int) -> list[tuple[str, int | None]]:
 
 
 def plan(scene: Scene, surface: SurfaceSamples, tolerance: float = 1.0) -> LightPlan:
-    """Choose the effects for a scene on a surface.
+    """Choose the effects for a scene on samples of a surface (``service.light.samples``).
 
-    Args:
-        scene: with a number for its exposure.
-        surface: samples of the surface, see ``service.light.samples``.
-        tolerance: largest mean absolute error over the face of all omissions together, in 1/255 of sRGB; 0 leaves out
-            only what changes nothing.
-
-    Raises:
-        UsageError: no exposure, or a negative tolerance.
+    ``tolerance`` is the largest mean absolute error over the face of all omissions together, in 1/255 of sRGB; 0 leaves
+    out only what changes nothing. UsageError: no exposure, or a negative tolerance.
     """
     if scene.response.exposure is None:
         raise UsageError(

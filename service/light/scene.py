@@ -128,8 +128,7 @@ class Scene:
     def from_json(cls, text: str) -> Scene:
         """A scene from JSON; missing fields have their defaults.
 
-        Raises:
-            UsageError: not JSON, a field that does not exist, or a value out of range; the message names it.
+        UsageError: not JSON, a field that does not exist, or a value out of range; the message names it.
         """
         try:
             return TypeAdapter(cls).validate_json(text)

@@ -166,13 +166,7 @@ class Shading:
     """The samples under a scene; ``picture`` returns them with some effects left out."""
 
     def __init__(self, scene: Scene, surface: SurfaceSamples, light: Illumination) -> None:
-        """Shade by every light alone.
-
-        Args:
-            scene: with a number for its exposure.
-            surface: the samples.
-            light: ``illumination(scene)``.
-        """
+        """Shade by every light alone, ``illumination(scene)`` of a scene with a number for its exposure."""
         self.scene, self.surface = scene, surface
         s = surface
         self.directions = spread_directions(s.visible.shape[1])

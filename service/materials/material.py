@@ -22,11 +22,7 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 
 
 def checked_name(name: str, what: str) -> str:
-    """The name, if it can stand in a path and in every format.
-
-    Raises:
-        NumericFault: it cannot.
-    """
+    """The name, if it can stand in a path and in every format; NumericFault where it cannot."""
     if not NAME.fullmatch(name):
         raise NumericFault(f"{what} is named {name!r}; a letter and up to 39 letters, digits and _ are right")
     return name
@@ -34,10 +30,8 @@ def checked_name(name: str, what: str) -> str:
 
 @dataclass(frozen=True)
 class ChartMap:
-    """A map on the head's chart.
-
-    Attributes:
-        role: its name in the archive. The colour is "diffuse_albedo"; where there is none, writers take "texture".
+    """A map on the head's chart, by its name in the archive; of "diffuse_albedo", where there is none, writers take
+    "texture".
     """
 
     role: str

@@ -103,9 +103,7 @@ class MeshPart:
 def targets_of(head: HeadModel, moved: Callable[[Float32], AnyFloat]) -> dict[str, Float32]:
     """Targets of a mesh that follows a head, by unit; those that move it by less than ``LEAST_M`` are left out.
 
-    Args:
-        head: whose units they are.
-        moved: from offsets (V, 3) of the head to those (N, 3) of the mesh, metres.
+    ``moved`` gives, for offsets (V, 3) of the head, those (N, 3) of the mesh, metres.
     """
     units = zip(head.expression_names, head.expression, strict=True)
     all_of_them = {unit: np.asarray(moved(offsets), np.float32) for unit, offsets in units}
@@ -113,14 +111,8 @@ def targets_of(head: HeadModel, moved: Callable[[Float32], AnyFloat]) -> dict[st
 
 
 def check_parts(parts: Sequence[MeshPart], taken: Sequence[str]) -> None:
-    """Check that names of parts, materials and textures are unambiguous.
-
-    Args:
-        parts: all extra parts of an avatar.
-        taken: names of the head's own parts.
-
-    Raises:
-        NumericFault: two parts, two materials or two textures share a name.
+    """NumericFault where two extra parts, their materials or their textures share a name, or one has that of the head's
+    own.
     """
     names = [*taken, *(part.name for part in parts)]
     doubled = sorted({name for name in names if names.count(name) > 1})
@@ -179,15 +171,10 @@ def is_cards(part: MeshPart) -> bool:
 
 
 def part_normals(part: MeshPart, vertices: AnyFloat, triangles: AnyInt) -> Float32:
-    """(..., N, 3) unit normals that a part is lit with.
+    """(..., N, 3) unit normals that a part is lit with, of vertices (..., N, 3) metres in any number of poses.
 
-    Those of its surface; of masked cards, which lie at all angles, those of the body that they make up: with their own,
-    hair has facets and slits.
-
-    Args:
-        part: whose material says whether it is cards.
-        vertices: (..., N, 3) metres, of any number of poses.
-        triangles: (T, 3) its faces.
+    Those of its surface, triangles (T, 3); of masked cards, which lie at all angles, those of the body that they make
+    up: with their own, hair has facets and slits.
     """
     if part.normals is not None:
         return np.broadcast_to(part.normals, vertices.shape)
@@ -275,13 +262,7 @@ _BONES: dict[str, Bone] = {
 def head_parts(head: HeadModel, vertices: AnyFloat, neutral: AnyFloat) -> list[MeshPart]:
     """The head's own parts that have faces, in the order of ``part_names``, each with its own vertices.
 
-    Args:
-        head: topology, chart and blendshapes.
-        vertices: (V, 3) metres, the photo's expression.
-        neutral: (V, 3) metres.
-
-    Raises:
-        NumericFault: a vertex or a blendshape is not finite.
+    ``vertices`` (V, 3) metres have the photo's expression. NumericFault: a vertex or a blendshape is not finite.
     """
     parts = []
     for index, name in enumerate(head.part_names):

@@ -85,13 +85,9 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
 
 
 def sniff(data: bytes) -> Codec:
-    """Name the codec of ``data`` by its magic bytes.
+    """Name the codec of a file by its magic bytes, which are in its first 64.
 
-    Args:
-        data: the whole file, or at least its first 64 bytes.
-
-    Raises:
-        UnsupportedFormat: the bytes do not begin like a format that is accepted; ``looks_like`` says what they are.
+    UnsupportedFormat: it begins like no format that is accepted; ``looks_like`` says what it is.
     """
     if data.startswith(b"\xff\xd8\xff"):
         return Codec.JPEG
@@ -126,11 +122,7 @@ def _looks_like(data: bytes, brand: bytes) -> str:
 
 
 def open_container(data: bytes, limits: Limits) -> Container:
-    """Read an image file's format, container and stated size, without decoding.
-
-    Raises:
-        UnreadableInput: one of its subclasses, as for ``gate.read_photo``.
-    """
+    """Read an image file's format, container and stated size, without decoding; raises as ``gate.read_photo``."""
     codec = sniff(data)
     if codec == Codec.HEIC:
         if data[8:12] in HEIC_SEQUENCE_BRANDS:

@@ -107,9 +107,8 @@ def prepare(codec: Codec) -> Opener:
 def decode(open_image: Opener, request: Request) -> Decoded:
     """Decode one file with the opener from ``prepare``.
 
-    Raises:
-        Refusal: damaged, of another size than its header states, a sequence of frames, or over the limits.
-        MemoryError: more memory than the process may have.
+    Refusal: damaged, of another size than its header states, a sequence of frames, or over the limits. MemoryError:
+    more memory than the process may have.
     """
     opened, image = _load(open_image, request)
     info = opened.info
@@ -134,13 +133,7 @@ def decode(open_image: Opener, request: Request) -> Decoded:
 
 
 def _by_exif(image: Image.Image, exif: object, *, turned: bool) -> tuple[Image.Image, float, Note]:
-    """The image upright, its focal length and a note where that is of another frame.
-
-    Args:
-        image: as stored.
-        exif: what the reader found.
-        turned: whether the reader has undone the turn.
-    """
+    """The image upright, unless the reader has turned it, its focal length, and a note where that is of another one."""
     if not isinstance(exif, bytes):
         return image, 0.0, Note(0)
     facts = read_exif(exif.removeprefix(b"Exif\0\0")[:MAX_EXIF_BYTES])
@@ -224,12 +217,8 @@ _FLAGS = ImageCms.Flags.BLACKPOINTCOMPENSATION
 def profile_to_srgb(image: Image.Image, icc: bytes) -> Image.Image | None:
     """Convert an image by its ICC profile (ICC.1:2022), with the relative colorimetric intent.
 
-    Args:
-        image: mode L, RGB or CMYK, values in the space of the profile.
-        icc: the profile.
-
-    Returns:
-        The image in sRGB, mode RGB; None where the profile is broken or is for another kind of image.
+    The image is of mode L, RGB or CMYK, its values in the space of the profile. None where the profile is broken or is
+    for another kind of image, else the image in sRGB, mode RGB.
     """
     try:
         profile = ImageCms.ImageCmsProfile(BytesIO(icc))
@@ -247,11 +236,8 @@ def profile_to_srgb(image: Image.Image, icc: bytes) -> Image.Image | None:
 
 
 def gamma_to_srgb(image: Image.Image, gamma: float) -> Image.Image:
-    """Re-encode samples that are light ** ``gamma`` with the sRGB curve (IEC 61966-2-1).
-
-    Args:
-        image: mode L or RGB.
-        gamma: exponent, over 0; 1 means linear.
+    """Re-encode samples (L or RGB) that are light ** ``gamma``, over 0, with the sRGB curve (IEC 61966-2-1); 1 is
+    linear.
     """
     table = [round(255 * _srgb_code((value / 255) ** (1 / gamma))) for value in range(256)]
     return image.point(table * len(image.getbands()))
@@ -265,14 +251,9 @@ _CARRY = [int(difference >= 129) for difference in range(256)]
 
 
 def decode_png16(image: ImageFile.ImageFile, payload: bytes) -> Image.Image:
-    """Decode a PNG of 16 bits a sample to 8 bits.
+    """Decode a PNG of 16 bits a sample, opened and not yet loaded, to 8 bits; its bytes are opened a second time.
 
-    Args:
-        image: the opened, not yet loaded file.
-        payload: its bytes, from which it is opened a second time.
-
-    Returns:
-        An image of mode L, LA, RGB or RGBA; a colour key in the file becomes alpha, compared at 16 bits.
+    The result has mode L, LA, RGB or RGBA; a colour key in the file becomes alpha, compared at 16 bits.
     """
     high, low = _bytes(image, payload)
     bands = [_round(*pair) for pair in zip(high, low, strict=True)]
@@ -346,9 +327,8 @@ class ExifFacts(NamedTuple):
 def read_exif(exif: bytes) -> ExifFacts:
     """Read orientation, focal length and the camera's sides; never raises for what the bytes are.
 
-    Args:
-        exif: TIFF-structured bytes, possibly broken or empty; ``MAX_EXIF_BYTES`` of them at most, since what
-            Pillow spends grows with them.
+    These are TIFF-structured, possibly broken or empty, and at most ``MAX_EXIF_BYTES``, since what Pillow spends grows
+    with them.
     """
     tags = Image.Exif()
     orientation = 0

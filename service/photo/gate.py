@@ -51,14 +51,9 @@ _NOTES: dict[Note, WarningCode] = {
 
 
 def read_photo(data: bytes, limits: Limits = Limits()) -> Photo:  # noqa: B008 - frozen
-    """Turn the bytes of an image file into a photo.
+    """Turn the bytes of an image file (JPEG, PNG, WebP or, where the extra ``heic`` is installed, HEIC) into a photo.
 
-    Args:
-        data: the whole file: JPEG, PNG, WebP or, where the extra ``heic`` is installed, HEIC.
-        limits: what is accepted, and what decoding may cost.
-
-    Returns:
-        (H, W, 3) uint8 sRGB pixels, upright, with no metadata but the focal length.
+    It has (H, W, 3) uint8 sRGB pixels, upright, and no metadata but the focal length.
 
     Raises:
         UnreadableInput: one of its subclasses, for whatever is wrong with the bytes.
@@ -76,11 +71,7 @@ def read_photo(data: bytes, limits: Limits = Limits()) -> Photo:  # noqa: B008 -
 
 
 def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 - frozen
-    """Refuse what :func:`read_photo` would refuse, without holding the pixels in memory.
-
-    Raises:
-        UnreadableInput, AvatarError: as :func:`read_photo`.
-    """
+    """Refuse what :func:`read_photo` would refuse, as it does, without holding the pixels in memory."""
     _decoded(data, limits, keep=False)
 
 
@@ -99,15 +90,7 @@ def decode_container(
 ) -> tuple[Reply, bytearray]:
     """Have a container decoded in a process of its own, and hold the answer against what its header states.
 
-    Args:
-        container: from ``open_container``.
-        limits: what decoding may cost.
-        output: what the pixels shall be.
-        keep: False throws the pixels away.
-
-    Raises:
-        UnreadableInput: one of its subclasses, as for ``read_photo``.
-        AvatarError: the installation is broken.
+    Without ``keep`` the pixels are thrown away. Raises as :func:`read_photo`.
     """
     request = Request(
         container.codec, output, *(container.size or (0, 0)), limits.max_side, limits.max_pixels,
@@ -140,15 +123,9 @@ _BOOT = "import sys; sys.path[:0] = sys.argv[1:]; from service.photo.decoder imp
 
 
 def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple[Reply, bytearray]:
-    """Decode one photo in a process of its own.
+    """Decode one photo in a process of its own: the checked reply and its pixels, none where the status is not DONE.
 
-    Args:
-        request: what to decode.
-        limits: bounds on the size of the reply and on the time.
-        keep: False leaves the pixels, for callers that only want to know that they would come.
-
-    Returns:
-        The checked reply and its pixels, or none where the status is not DONE.
+    Without ``keep`` the pixels are left, for callers that only want to know that they would come.
 
     Raises:
         CorruptImage: the decoder crashed on these bytes.
@@ -199,8 +176,7 @@ def _decoder(codec: Codec) -> Begun:
 def begun(command: Sequence[str], environment: Mapping[str, str]) -> Begun:
     """Start our own interpreter with our own code, in these variables alone; what it writes it limits itself.
 
-    Raises:
-        AvatarError: it could not be started.
+    AvatarError: it could not be started.
     """
     out = os.fdopen(os.memfd_create("out"), "w+b")
     try:
@@ -216,15 +192,9 @@ def begun(command: Sequence[str], environment: Mapping[str, str]) -> Begun:
 
 @contextlib.contextmanager
 def ended(begun: Begun, seconds: float, given: bytes = b"") -> Iterator[tuple[int | None, BinaryIO]]:
-    """What a process wrote after it was given something on its standard input.
+    """What a process wrote after it was given something on its standard input, stopped after so many seconds.
 
-    Args:
-        begun: the process.
-        seconds: after which it is stopped.
-        given: all of its input.
-
-    Yields:
-        Its exit status, None where it was stopped; and its standard output.
+    Yields its exit status, None where it was stopped; and its standard output.
     """
     process, out = begun
     with process, out:
@@ -243,9 +213,8 @@ def ended(begun: Begun, seconds: float, given: bytes = b"") -> Iterator[tuple[in
 def decoder_command(codec: Codec) -> list[str]:
     """The command line of the decoding process.
 
-    Raises:
-        UnsupportedFormat: HEIC is asked for and its decoder is not installed.
-        AvatarError: there is no interpreter or no Pillow.
+    UnsupportedFormat: HEIC is asked for and its decoder is not installed. AvatarError: there is no interpreter or no
+    Pillow.
     """
     roots = [str(Path(__file__).resolve().parents[2]), _package_root("PIL")]
     if codec == Codec.HEIC:

@@ -48,18 +48,9 @@ class Limits:
 
 
 def check_size(width: int, height: int, limits: Limits) -> None:
-    """Refuse an image by the size that its header states, before anything is decoded.
+    """Refuse an image by the size in pixels that its header states, before anything is decoded.
 
-    Args:
-        width: columns, in pixels.
-        height: rows, in pixels.
-        limits: the bounds.
-
-    Raises:
-        CorruptImage: a side is zero or negative.
-        BadAspect: one side is too many times the other.
-        TooSmallImage: a side is below ``limits.min_side``.
-        TooManyPixels: a side or the area is over its bound.
+    CorruptImage: a side is zero or negative. BadAspect, TooSmallImage, TooManyPixels: it is beyond a bound.
     """
     facts = {"width": width, "height": height}
     if width <= 0 or height <= 0:
@@ -95,10 +86,8 @@ def called(source: str) -> str:
 def read_file(source: str, what: str = "photo", limit: int = Limits().max_bytes) -> bytes:
     """All bytes of a file, or of standard input for ``-``.
 
-    Raises:
-        UsageError: there is no such file, or it is a folder.
-        UnreadableInput: the system refuses to read it.
-        TooManyBytes: more than ``limit``; the rest is not read, since a pipe may be infinite.
+    UsageError: there is no such file, or it is a folder. UnreadableInput: the system refuses to read it. TooManyBytes:
+    more than ``limit``; the rest is not read, since a pipe may be infinite.
     """
     name = called(source)
     try:

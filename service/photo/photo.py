@@ -48,13 +48,10 @@ _TINT_RESIDUAL = 5.0
 
 
 def lacks_colour(pixels: npt.NDArray[np.uint8]) -> bool:
-    """Whether colour is absent or says no more than lightness does.
+    """Whether colour is absent from (H, W, 3) uint8 sRGB pixels or says no more than lightness does.
 
     Grey: mean |a*| and |b*| both below 3, and the 99th percentile of chroma below 8, so that a small colourful face
     before a white wall counts as colour. Tinted (sepia): a* and b* are smooth functions of L*, see ``_tint_residual``.
-
-    Args:
-        pixels: (H, W, 3) uint8, sRGB.
     """
     lightness, a, b = linear_to_lab(srgb_to_linear(_sample(pixels))).T
     chroma = np.hypot(a, b)

@@ -66,10 +66,8 @@ def expect_video(data: bytes, name: str) -> None:
 def sharp_frames(data: bytes, limits: VideoLimits = VideoLimits()) -> list[bytes]:
     """JPEG files of the sharpest frame of each moment of a video, in order of time.
 
-    Raises:
-        TooManyBytes, TooManyPixels, TooComplex: it is over a limit.
-        CorruptImage: it cannot be read, or has no frame.
-        AvatarError: the process could not be started.
+    TooManyBytes, TooManyPixels, TooComplex: it is over a limit. CorruptImage: it cannot be read, or has no frame.
+    AvatarError: the process could not be started.
     """
     if len(data) > limits.max_bytes:
         raise TooManyBytes(f"the video has {len(data)} bytes; at most {limits.max_bytes} are accepted")

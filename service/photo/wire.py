@@ -96,11 +96,7 @@ class Request(NamedTuple):
 
     @classmethod
     def parse(cls, message: bytes) -> Request:
-        """Read a whole message.
-
-        Raises:
-            ValueError: the message is not one of ours or is cut off.
-        """
+        """Read a whole message; ValueError where it is not one of ours or is cut off."""
         if len(message) < _REQUEST.size:
             raise ValueError("short request")
         magic, codec, output, *numbers, length = _REQUEST.unpack_from(message)
@@ -135,10 +131,8 @@ class Reply(NamedTuple):
 
     @classmethod
     def parse(cls, message: bytes) -> Reply:
-        """Read a fixed-size message from the untrusted side.
-
-        Raises:
-            ValueError: not a reply, or a value outside its range.
+        """Read a fixed-size message from the untrusted side; ValueError where it is no reply, or a value is out of its
+        range.
         """
         if len(message) != _REPLY.size:
             raise ValueError("short reply")

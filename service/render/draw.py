@@ -13,7 +13,7 @@ import numpy as np
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
-from service.geometry.mesh import area_normals, normalise, unit
+from service.geometry.mesh import area_normals, normalise, summed, unit
 from service.geometry.raster import (
     composite,
     fragments,
@@ -121,9 +121,8 @@ def _along_v(part: MeshPart, triangles: Int32, places: Int32) -> Float32 | None:
     e1, e2 = points[triangles[:, 1]] - points[triangles[:, 0]], points[triangles[:, 2]] - points[triangles[:, 0]]
     turn = np.sign(d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0])[:, None]
     each: Float64 = turn * (d1[:, :1] * e2 - d2[:, :1] * e1)
-    index = triangles.ravel()
-    whole = np.stack([np.bincount(index, np.repeat(column, 3), len(points)) for column in each.T], 1)
-    return np.asarray(normalise(whole.astype(np.float64), (0.0, -1.0, 0.0)), np.float32)
+    whole = summed(triangles.ravel(), np.repeat(each, 3, 0), len(points))
+    return np.asarray(normalise(whole, (0.0, -1.0, 0.0)), np.float32)
 
 
 @dataclass(frozen=True)
@@ -265,13 +264,11 @@ class SeenHead:
         return np.split(share, np.cumsum([len(one) for one in alpha])[:-1])
 
     def resolved(self, radiance: Float32) -> tuple[Float32, Float32]:
-        """(h, w, 3) linear radiance times coverage, and (h, w) coverage in [0, 1]: means over each pixel.
+        """(h, w, 3) linear radiance times coverage, and (h, w) coverage in [0, 1]: means over each pixel; of the head
+        (N, 3).
 
         A sample shows either the head or what goes on from it, as the bust does: no gap is left between two edges that
         are half covered.
-
-        Args:
-            radiance: (N, 3) linear, of the head.
         """
         import cv2
 
@@ -296,13 +293,10 @@ class SeenHead:
 
 
 def see(model: DrawnHead, camera: Camera, samples: float, chart: Float32 | None = None) -> SeenHead:
-    """Rasterise a head and the parts beside it.
+    """Rasterise a head and the parts beside it, with so many samples per pixel and axis, at least 1.
 
-    Args:
-        model: what is drawn.
-        camera: of the picture.
-        samples: per pixel and axis, at least 1; 1.5 antialiases at half the cost of 2.
-        chart: (h, w, 3) linear colours, for parts that have theirs on the chart.
+    1.5 antialiases at half the cost of 2. ``chart`` (h, w, 3) are linear colours, for parts that have theirs on the
+    chart.
     """
     width, height = round(camera.width * samples), round(camera.height * samples)
 
@@ -360,13 +354,10 @@ def painted(part: MeshPart, uv: Float32, chart: Float32 | None) -> Float32:
 
 
 def bent(drawn: DrawnPart, shown: Int64, inside: Float32, uv: Float32) -> Float32 | None:
-    """(F, 3) unit normals of a part's own map, about those of its mesh; None without such a map, or in the open.
+    """(F, 3) unit normals of a part's own map at places (F, 2), about those of its mesh; None without such a map, or in
+    the open.
 
-    Args:
-        drawn: the part.
-        shown: (F,) its triangles.
-        inside: (F, 3) barycentric coordinates there.
-        uv: (F, 2) places on its map.
+    ``shown`` (F,) are its triangles and ``inside`` (F, 3) the barycentric coordinates there.
     """
     picture = drawn.part.material.normal_map
     if not isinstance(picture, OwnMap) or recess_of(drawn.part.name) is None:
@@ -385,11 +376,7 @@ def bent(drawn: DrawnPart, shown: Int64, inside: Float32, uv: Float32) -> Float3
 def open_light(light: Illumination, graphs: Graphs, points: Float32, normals: AnyFloat) -> Float32:
     """(N, 3) linear radiance of a white diffuse surface in the open, where nothing throws shadows.
 
-    Args:
-        light: of the scene.
-        graphs: the formulas.
-        points: (N, 3) metres, head space.
-        normals: (N, 3) unit.
+    Points (N, 3) are in metres, head space, normals (N, 3) unit.
     """
     arriving = np.zeros((3, len(points)), np.float32)
     if not light.dark:
@@ -417,13 +404,10 @@ def with_gloss(albedo: AnyFloat, mirrored: float = MIRRORED) -> Float32:
 def sketch(
     seen: SeenHead, colour: Float32, light: Illumination | None = None, tint: Triple = WHITE
 ) -> tuple[Float32, Float32]:
-    """A quick picture, lit at the vertices: no shadows but cavity maps, no reflections. As :meth:`Seen.resolved`.
+    """A quick picture, lit at the vertices: no shadows but cavity maps, no reflections. As :meth:`SeenHead.resolved`.
 
-    Args:
-        seen: what is drawn.
-        colour: (N, 3) linear, of the points on the head.
-        light: None for colours with the photo's light in them, which are only darkened at grazing angles.
-        tint: (3,) factors from parts' own colours to those in the photo's light.
+    Colours (N, 3) are linear, of the points on the head. Without ``light`` they have the photo's in them, and are only
+    darkened at grazing angles; ``tint`` (3,) leads from parts' own colours to those in the photo's light.
     """
     graphs = Graphs(1)
 

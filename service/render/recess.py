@@ -133,10 +133,8 @@ class RecessLight:
     def light_parts(self, seen: SeenHead, skin: Float32, whole: tuple[Occluders, Occluders]) -> None:
         """Set the radiance of all fragments.
 
-        Args:
-            seen: the fragments.
-            skin: (N, 6) albedo and radiosity of the points on the head.
-            whole: the head and what is opaque beside it, as casters of sharp shadows and of soft ones.
+        ``skin`` (N, 6) is albedo and radiosity of the points on the head; ``whole`` the head and what is opaque beside
+        it, as casters of sharp shadows and of soft ones.
         """
         recesses: dict[str, list[tuple[SeenPart, Bool]]] = {name: [] for name in RECESSES}
         open_parts: dict[str, list[tuple[SeenPart, Bool]]] = {}
@@ -169,10 +167,8 @@ class RecessLight:
     ) -> None:
         """Light a part in the open: by the sky at its vertices, by lamps, whose shadows are sharp, at each fragment.
 
-        Args:
-            layers: of the one part, and which of their fragments are seen.
-            whole: as of :meth:`light_parts`.
-            skin: (6,) albedo and radiosity of the skin around.
+        ``layers`` are of the one part, with which of their fragments are seen; ``skin`` (6,) albedo and radiosity of
+        that around.
         """
         first = layers[0][0]
         own = np.concatenate([first.part.vertices, first.drawn.normals], 1).astype(np.float32)
@@ -303,12 +299,8 @@ def _at(points: Float32, normals: Float32) -> Float32:
 
 
 def skin_around(parts: Sequence[MeshPart], positions: Float32, values: Float32) -> Float32:
-    """(C,) mean of values of the skin that is seen within ``AROUND_M`` of parts; 0 where none is seen.
-
-    Args:
-        parts: in one recess.
-        positions: (N, 3) metres, of the picture's samples.
-        values: (N, C) of them.
+    """(C,) mean of values (N, C) of the skin that is seen, at positions (N, 3) metres, within ``AROUND_M`` of the parts
+    in one recess; 0 where none is seen.
     """
     near = np.zeros(len(positions), bool)
     for part in parts:

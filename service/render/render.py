@@ -215,10 +215,7 @@ def _chart_size(head: HeadModel, vertices: AnyFloat, camera: Camera, narrowest: 
 def samples_of(surface: Surface, sky: UInt8, seen: SeenHead) -> SurfaceSamples:
     """Samples of the visible skin for the planner, with the density of the picture's points.
 
-    Args:
-        surface: on the chart.
-        sky: (D, h, w) visibility of each direction, 255 = fully visible.
-        seen: the picture's points.
+    ``sky`` is the (D, h, w) visibility of each direction, 255 = fully visible.
     """
     height, width = surface.specular.shape
     column = np.clip((seen.uv[:, 0] * width).astype(np.int64), 0, width - 1)
@@ -247,14 +244,10 @@ def behind(camera: Camera, environment: AnyFloat) -> Float32:
 
 
 def coded(light: Float32, covered: Float32, response: Response, background: Float32 | None, *, alpha: bool) -> UInt8:
-    """(h, w, 3) uint8 sRGB.
+    """(h, w, 3) uint8 sRGB of linear light (h, w, 3) and coverage (h, w) in [0, 1], as of :meth:`SeenHead.resolved`.
 
-    Args:
-        light: (h, w, 3) linear, as of :meth:`service.render.draw.Seen.resolved`.
-        covered: (h, w) in [0, 1].
-        response: tone curve, with a number for its exposure.
-        background: (h, w, 3) linear radiance behind the head; None for none.
-        alpha: add ``covered`` as alpha channel; colours are then not premultiplied.
+    The background is (h, w, 3) linear radiance behind the head; None for none. With ``alpha`` the coverage is a fourth
+    channel, and colours are not premultiplied.
     """
     if alpha:
         whole = light / np.maximum(covered, np.float32(1e-6))[..., None]

@@ -26,11 +26,7 @@ VIEWS = {"front": 0.0, "three-quarter": 35.0, "left": 90.0, "right": -90.0, "bac
 
 
 def degrees_of(view: str) -> float:
-    """Azimuth of a named view, or of one in degrees as text.
-
-    Raises:
-        UsageError: it is neither.
-    """
+    """Azimuth of a named view, or of one in degrees as text; UsageError where it is neither."""
     try:
         degrees = VIEWS[view] if view in VIEWS else float(view)
     except ValueError:
@@ -102,8 +98,7 @@ class RenderRequest(Checked):
 def parse_request(values: Mapping[str, Any]) -> RenderRequest:
     """A request of JSON values; missing or null ones have their defaults.
 
-    Raises:
-        UsageError: an unknown field, or a value of the wrong type or out of range; names the field.
+    UsageError: an unknown field, or a value of the wrong type or out of range; names the field.
     """
     from service.light.environment import check_name  # loads the shipped images
 

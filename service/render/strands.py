@@ -67,12 +67,9 @@ class HairVolume:
 
     @classmethod
     def of(cls, parts: Sequence[DrawnPart], vertices: AnyFloat, triangles: AnyInt) -> HairVolume | None:
-        """The volume of the hair among a head's parts; None where none of them is hair.
+        """The volume of the hair among a head's parts, those with anisotropy; None where none of them is hair.
 
-        Args:
-            parts: those with anisotropy are hair.
-            vertices: (V, 3) metres, of the head.
-            triangles: (T, 3) of its skin.
+        Vertices (V, 3) metres are the head's, triangles (T, 3) of its skin.
         """
         hair = [part for part in parts if part.along is not None]
         if not hair:
@@ -92,13 +89,9 @@ class HairVolume:
         return cls(both, hidden, len(strands[0]))
 
     def passed(self, at: Float32, towards: AnyFloat, bias: float, *, place: bool = False) -> Float32:
-        """(N,) share of light in [0, 1] that comes through to points.
+        """(N,) share of light in [0, 1] that comes through to points (N, 3) mm, moved towards it by ``bias`` cells.
 
-        Args:
-            at: (N, 3) mm.
-            towards: unit direction of the light, or its position in mm.
-            bias: cells by which points are moved towards it.
-            place: whether it is a position.
+        ``towards`` is the unit direction of the light, or (``place``) its position in mm.
         """
         from scipy.ndimage import map_coordinates
 
@@ -174,14 +167,7 @@ class StrandLight:
         return np.stack([*sky, *lamps], 1)
 
     def lit(self, one: SeenPart, strands: Float32, shares: Float32, visible: Bool) -> None:
-        """Set the radiance of fragments of a part.
-
-        Args:
-            one: the part.
-            strands: (F, 3) unit, along which they run.
-            shares: as :meth:`shares` gives them.
-            visible: (F,) the fragments that are lit.
-        """
+        """Set the radiance of the visible fragments (F,) of a part, whose strands run along unit vectors (F, 3)."""
         ways, flux = spread_directions(DIRECTIONS).astype(np.float32), np.zeros((DIRECTIONS, 3), np.float32)
         if not self.light.dark:
             flux = flux_by_direction(self.light.sky, DIRECTIONS).astype(np.float32)
@@ -215,11 +201,8 @@ class StrandLight:
 def reflected(along: Float32, view: Float32, light: Float32, colour: Float32) -> Float32:
     """(N, 3) radiance by which strands answer one unit of irradiance on a surface across the light.
 
-    Args:
-        along: (N, 3) unit, from root to tip.
-        view: (N, 3) unit, to the eye.
-        light: (N, 3) or (3,) unit, to the light.
-        colour: (N, 3) linear albedo of many strands.
+    Unit vectors run ``along`` the strands (N, 3), from root to tip, to the eye (N, 3) and to the light (N, 3) or (3,);
+    the colour (N, 3) is the linear albedo of many strands.
     """
     sin_i, sin_r = (along * light).sum(1), (along * view).sum(1)
     theta_i, theta_r = np.arcsin(np.clip(sin_i, -1, 1)), np.arcsin(np.clip(sin_r, -1, 1))

@@ -72,16 +72,10 @@ class Surface(LitChart):
 
 
 def build_surface(head: HeadModel, vertices: AnyFloat, maps: Mapping[str, StoredMap], size: Size) -> Surface:
-    """Decode the maps and reduce them to a size: colours as linear light, normals with their variance.
+    """Decode the maps (``ROLES``) and reduce them to a size (width, height): colours as linear light, normals with
+    their variance.
 
-    Args:
-        head: the skin, with its chart.
-        vertices: (V, 3) metres.
-        maps: by role; see ``ROLES``.
-        size: (width, height) of the result.
-
-    Raises:
-        BadArchive: there is neither albedo nor texture, or a map cannot be read.
+    BadArchive: there is neither albedo nor texture, or a map cannot be read.
     """
     chart = Chart.build(head, *size)
     frame = chart.frame(vertices)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float64
+from service.arrays import AnyFloat
 from service.errors import UsageError
 from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.mesh import normalise
+from service.geometry.raster import signed_area
 from service.head.model import HeadModel
 from service.light.scene import DEFAULT_VIEW, Triple
 from service.render.request import degrees_of
@@ -19,8 +20,7 @@ FILLED, TURNED_FILLED = 0.92, 0.86
 def viewpoint_of(view: str | None, viewpoints: tuple[Triple, ...]) -> Triple:
     """Position of the camera, metres: a named view or angle at the default distance, else the scene's first viewpoint.
 
-    Raises:
-        UsageError: the view is neither a name nor a number of degrees.
+    UsageError: the view is neither a name nor a number of degrees.
     """
     if view is None:
         return viewpoints[0]
@@ -31,14 +31,8 @@ def viewpoint_of(view: str | None, viewpoints: tuple[Triple, ...]) -> Triple:
 def camera_at(viewpoint: Triple, vertices: AnyFloat, width: int, height: int) -> Camera:
     """Upright camera at a point in head space that looks at the head's centre and fills the picture with the head.
 
-    Args:
-        viewpoint: metres.
-        vertices: (V, 3) of what is drawn.
-        width: of the picture in pixels.
-        height: of the picture in pixels.
-
-    Raises:
-        UsageError: the point lies within ``NEAREST_M`` of the head, or in it.
+    The viewpoint is in metres, ``vertices`` (V, 3) are what is drawn, width and height of the picture in pixels.
+    UsageError: the point lies within ``NEAREST_M`` of the head, or in it.
     """
     low, high = vertices.min(0).astype(np.float64), vertices.max(0).astype(np.float64)
     offset = (low + high) / 2 - np.asarray(viewpoint, np.float64)
@@ -79,10 +73,8 @@ def turned_camera(vertices: AnyFloat, yaw_deg: float, width: int, height: int) -
 def pixel_on_chart(head: HeadModel, vertices: AnyFloat, camera: Camera) -> float:
     """Side of a pixel on the chart, over the chart's width: median over the visible skin, 0 without skin."""
     points = camera.project(vertices)
-    seen, chart = (
-        _areas(points[head.triangles]),
-        _areas(head.uv[head.triangle_uv].astype(np.float64) * [1.0, 2.0 / 3.0]),
-    )
+    seen = 0.5 * signed_area(points, head.triangles)
+    chart = 0.5 * signed_area(head.uv.astype(np.float64) * [1.0, 2.0 / 3.0], head.triangle_uv)
     usable = (seen < -1e-3) & (np.abs(chart) > 0) & (head.triangle_part == 0)
     if not usable.any():
         return 0.0
@@ -90,9 +82,3 @@ def pixel_on_chart(head: HeadModel, vertices: AnyFloat, camera: Camera) -> float
     order = np.argsort(ratio, kind="stable")
     until = size[order].cumsum()
     return float(np.sqrt(ratio[order][int(np.searchsorted(until, until[-1] / 2))]))
-
-
-def _areas(corners: Float64) -> Float64:
-    """(T,) signed areas of (T, 3, 2)."""
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.asarray(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))

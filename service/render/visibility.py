@@ -55,11 +55,9 @@ class Occluders:
     graphs: Graphs
 
     def sky(self, count: int, at: Float32) -> UInt8:
-        """(count, N) visibility of spread directions, 255 = fully visible; 0 below the horizon.
+        """(count, N) visibility of ``spread_directions``, 255 = fully visible; 0 below the horizon.
 
-        Args:
-            count: of directions (``spread_directions``).
-            at: (6, N) position in mm and unit normal.
+        Points ``at`` are (6, N): position in mm and unit normal.
         """
         seen = np.zeros((count, at.shape[1]), np.uint8)
         for k, direction in enumerate(spread_directions(count)):

@@ -1,8 +1,7 @@
-"""What operators see of a job: one line for each turn of its life, counts, times of stages, a trace."""
+"""What operators see of a job: one line for each turn of its life, counts, times of stages."""
 
 from __future__ import annotations
 
-import json
 import logging
 
 import pytest
@@ -52,26 +51,3 @@ def test_times_of_stages_are_a_histogram(bench: Bench) -> None:
     assert dict(buckets)["0.1"] == 1 and dict(buckets)["3"] == 3 and dict(buckets)["+Inf"] == 4
     assert [count for _, count in buckets] == sorted(count for _, count in buckets), "cumulative"
     assert total == pytest.approx(5002.25)
-
-
-def test_a_job_is_a_trace_below_that_of_its_request(bench: Bench) -> None:
-    sdk = pytest.importorskip("opentelemetry.sdk.trace")
-    from opentelemetry.sdk.trace.export import SimpleSpanProcessor
-    from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
-
-    kept, provider = InMemorySpanExporter(), sdk.TracerProvider()
-    provider.add_span_processor(SimpleSpanProcessor(kept))
-    parent = "00-" + "ab" * 16 + "-" + "cd" * 8 + "-01"
-    job = bench.add(1, trace=parent)
-    bench.run(job)
-    row = bench.row(job)
-    telemetry.spans(provider.get_tracer("test"), row)
-    spans = {span.name: span for span in kept.get_finished_spans()}
-    assert set(spans) == {"job", "wait", "compute"}
-    assert {f"{span.context.trace_id:032x}" for span in spans.values()} == {"ab" * 16}
-    parent_of, facts = spans["job"].parent, spans["job"].attributes
-    assert parent_of is not None and f"{parent_of.span_id:016x}" == "cd" * 8
-    assert facts is not None and facts["avatarme.job"] == job
-    assert spans["wait"].end_time == spans["compute"].start_time
-    stages = spans["compute"].attributes
-    assert stages is not None and stages["avatarme.stage.one_s"] == json.loads(row["timings"])["one"]
