@@ -36,8 +36,7 @@ def likeness(
 ) -> IdentitySimilarity:  # fmt: skip
     """Distance and centred cosine between the photo, with the face's landmarks in it, and a frontal render of the head.
 
-    The texture is (h, w, 3) uint8 sRGB on the chart; ``parts``, hair and the like, are coloured as in the photo's
-    light.
+    The texture is (h, w, 3) uint8 sRGB on the chart; hair and other ``parts`` are coloured as in the photo's light.
     """
     camera = turned_camera(fit.vertices, 0.0, *SIZE)
     colours = bytes_to_linear(texture)

@@ -244,9 +244,7 @@ def parse_without(text: str) -> tuple[str, ...]:
 
 
 def parse_size(text: str, name: str = "size") -> tuple[int, int]:
-    """``"576x384"`` -> (576, 384), of the option ``name``; UsageError where it is not two whole numbers with an x
-    between.
-    """
+    """``"576x384"`` -> (576, 384), of the option ``name``; UsageError: it is no two whole numbers with an x between."""
     width, cross, height = text.strip(SPACES).lower().partition("x")
     if not cross or not _digits(width) or not _digits(height):
         raise UsageError(f"{name} is {text!r}; write WIDTHxHEIGHT in texels, for example 576x384", field=name)

@@ -281,9 +281,7 @@ class Place:
 
 
 def place(address: str) -> Place:
-    """The place of an address; UsageError where fsspec does not know this kind of store, or a package for it is
-    missing.
-    """
+    """The place of an address; UsageError: fsspec does not know this kind of store, or a package for it is missing."""
     try:
         return Place(address)
     except (ImportError, ValueError) as error:

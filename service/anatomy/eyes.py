@@ -189,11 +189,9 @@ CARUNCLE, LID_MARGIN = (0.43, 0.20, 0.17), (0.48, 0.28, 0.24)
 
 
 def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None, step: int = 1) -> tuple[MeshPart, ...]:
-    """Both eyes, of the head's topology, chart and units and the fit's vertices; nothing for a head without two
-    eyeballs.
+    """Both eyes of a head, on the fit's vertices; nothing for one without two eyeballs.
 
-    ``iris`` is the (3,) linear albedo of the irises, None: the most frequent; sides of pictures are divided by
-    ``step``.
+    ``iris`` is the (3,) linear albedo of the irises, None: the most frequent. ``step`` divides the sides of pictures.
     """
     if not all(len(part_vertices(head, f"eye_{side}")) for side in SIDES):
         return ()
@@ -262,8 +260,7 @@ def eye_picture(head: HeadModel, iris: Float32, size: int = SIZE) -> UInt8:
 
 
 def surface_picture(head: HeadModel, size: int = RELIEF_SIZE) -> UInt8:
-    """(size, size, 3) uint8 normals of cornea and tear film, those of the head's left eye, about those of the ball's
-    mesh, 128 + 127 n.
+    """(size, size, 3) uint8 normals of a left eye's cornea and tear film about those of the ball's mesh, 128 + 127 n.
     """
     ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
     points, faces, uv = globe(ball)

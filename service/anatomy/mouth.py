@@ -71,8 +71,7 @@ def crown_share(points: AnyFloat, vertices: AnyFloat, *, upper: bool) -> Float32
 
 
 def biting_height(points: AnyFloat, vertices: AnyFloat, *, upper: bool) -> Float64:
-    """(N,) metres from the incisal edge towards the gum, of points (N, 3) metres on the ``upper`` or lower row of
-    teeth.
+    """(N,) metres from the incisal edge towards the gum, of points (N, 3) metres on the upper or lower row of teeth.
 
     The edge near a point is the lowest of the row's vertices (M, 3) metres (upper row) or the highest.
     """
@@ -165,7 +164,7 @@ ROOT = 0.35
 def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None, step: int = 1) -> tuple[MeshPart, ...]:
     """Teeth, gums and tongue; nothing for a head that they were not made for.
 
-    ``tooth`` is the (3,) linear albedo of the teeth, None: the usual one; sides of pictures are divided by ``step``.
+    ``tooth`` is the (3,) linear albedo of the teeth, None: the usual one. ``step`` divides the sides of pictures.
     """
     insets = read_insets()
     if not fits(insets, head):

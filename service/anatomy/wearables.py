@@ -93,7 +93,7 @@ def _overlap(shown: Bool, item: Item, moved: Float32, fit: Fit, reading: Reading
 def worn(head: HeadModel, fit: Fit, texture: UInt8, brows: Brows | None) -> tuple[MeshPart, ...]:
     """Meshes beside the head's own and its hair, in the photo's light; none for a head that they were not made for.
 
-    The texture is (h, w, 3) uint8 sRGB on the chart, in the photo's light; brows of None are none as cards.
+    The texture is (h, w, 3) uint8 sRGB on the chart, in the photo's light. Without ``brows`` there are none as cards.
     """
     parts = (
         bust_part(head, fit, texture),
@@ -180,8 +180,9 @@ def bust_colours(head: HeadModel, chart_colours: UInt8) -> UInt8 | None:
 
 
 def bust_part(head: HeadModel, fit: Fit, chart_colours: UInt8) -> MeshPart | None:
-    """Neck and shoulders below the head, in colours (h, w, 3) uint8 sRGB of the chart, albedo or texture; None for a
-    head that they were not made for.
+    """Neck and shoulders below the head; None for a head that they were not made for.
+
+    Their colours are taken from the chart's (h, w, 3), uint8 sRGB, albedo or texture.
     """
     items, picture = read_items(), bust_colours(head, chart_colours)
     if picture is None:

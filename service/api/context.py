@@ -50,9 +50,7 @@ class Json(JSONResponse):
 
 
 class Watcher:
-    """Wakes listeners when their job has new events, or when the keys have changed; jobs of no listener are not looked
-    up.
-    """
+    """Wakes listeners when their job has new events, or when the keys have changed; other jobs are not looked up."""
 
     def __init__(self, store: Store, keys: Keys) -> None:
         self._store = store

@@ -210,10 +210,10 @@ def licences_text(avatar: Avatar) -> str:
 def model_cards(
     head: HeadModel, head_file: Path | None = None, networks: tuple[str, ...] = (), *, photo: bool = True
 ) -> tuple[ModelEntry, ...]:
-    """Cards of the head model, of its file or the shipped one, and of the networks that ran; ``photo``: those of photos
-    too.
+    """Cards of the head model and of the networks that ran, with ``photo`` of those that see photos too.
 
-    ModelFault: the table of networks is broken.
+    ``head_file`` is where the head model was read from, None for the shipped one. ModelFault: the table of networks is
+    broken.
     """
     table = model_table()
     digest = sha256((head_file or DEFAULT_HEAD).read_bytes()).hexdigest()

@@ -134,8 +134,8 @@ def _begin(name: str, material: str) -> str:
 
 
 def _faces(polygons: Int32, columns: Sequence[AnyInt]) -> Iterator[str]:
-    """Lines ``f v/vt/vn ...`` or ``f v/vt ...`` of polygons (Q, 4), -1 in the last column of triangles, in the order
-    given.
+    """Lines ``f v/vt/vn ...`` or ``f v/vt ...`` in the order of the polygons (Q, 4), -1 in the last column of a
+    triangle.
 
     Columns are (Q, 4) each: vertices, places on the chart and, where there are any, normals, counted from 0.
     """
@@ -254,9 +254,7 @@ class ObjMesh:
     normals: Float64 | None = None
 
     def part(self, name: str) -> ObjMesh:
-        """One of the parts by itself, with its own vertices and texture coordinates; BadMesh where there is no such
-        part.
-        """
+        """One of the parts by itself, with its own vertices and texture coordinates; BadMesh: there is no such part."""
         if name not in self.part_names:
             raise BadMesh(f"the mesh has no part {name[:40]!r}; it has {', '.join(self.part_names)[:200]}")
         chosen = self.polygon_part == self.part_names.index(name)

@@ -86,16 +86,14 @@ def turntable(
     count: int,
     progress: Callable[[str, float], None] = lambda stage, done: None,
 ) -> int:
-    """Render ``count`` pictures around an avatar, ``LEAST`` to ``MOST``, as GIF or MP4 by the ending of ``target``; its
-    bytes.
+    """Render pictures around an avatar as GIF or MP4, by the ending of ``target``; gives the bytes of the film.
 
-    The camera begins at the azimuth of the request's view; exposure is that of the first picture, and the scale is the
-    same in all of them. ``progress`` is told which picture is rendered, and the share that is done.
+    ``count`` of them, ``LEAST`` to ``MOST``, are one turn, which begins at the azimuth of the request's view; exposure
+    is that of the first picture, and the scale is the same in all of them. ``progress`` is told which picture is
+    rendered, and the share that is done.
 
-    Raises:
-        UsageError: ``count``, the ending, a transparent background or an odd size of an MP4.
-        BadArchive, BadMesh: the archive cannot be used.
-        OutputFault: the film could not be written.
+    UsageError: ``count``, the ending, a transparent background or an odd size of an MP4. BadArchive, BadMesh: the
+    archive cannot be used. OutputFault: the film could not be written.
     """
     _check(target, request, count)
     avatar = open_avatar(archive, ROLES)

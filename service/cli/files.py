@@ -19,8 +19,8 @@ from service.photo.limits import PIPE
 
 
 def check_paths(output: str, inputs: Mapping[str, str], *, what: str, example: str, as_json: bool) -> None:
-    """Check that inputs (by what they are) and output do not share a stream or a file; ``-`` is standard input or
-    output.
+    """Check that inputs, paths by what they are, and output do not share a stream or a file; ``-`` is a standard
+    stream.
 
     UsageError: two inputs from standard input; output and JSON, or a terminal, on standard output; a name of another
     kind of file than the ``example``; an input that the output would overwrite.
@@ -58,9 +58,7 @@ def head_file(path: str | None) -> Path | None:
 
 
 def write_bytes(target: str, data: bytes) -> None:
-    """Write to a path, or to standard output for ``-``; OutputFault where that fails, and an existing file is
-    unchanged.
-    """
+    """Write to a path, or to standard output for ``-``; OutputFault: it fails, and an existing file is unchanged."""
     if target != PIPE:
         replace_file(Path(target), lambda stream: stream.write(data))
         return

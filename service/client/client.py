@@ -209,16 +209,13 @@ class Client:
     def download(
         self, job_id: str, target: Path, *, progress: Callable[[int, int | None], None] = lambda done, total: None
     ) -> str:
-        """Fetch the archive of a job: whole and checked under the name ``target``, or not at all; gives its sha256,
-        hex.
+        """Fetch the archive of a job: whole and checked under the name ``target``, or not at all; gives its hex sha256.
 
         A broken download goes on where it stopped, in a later call too. Every file in the archive is checked against
         the sha256 in its manifest. ``progress`` is told of bytes so far and in all (None: unknown).
 
-        Raises:
-            DownloadFailed: what came does not agree with its checksums.
-            OutputFault: the file cannot be written.
-            Conflict: the job has not succeeded yet.
+        DownloadFailed: what came does not agree with its checksums. OutputFault: the file cannot be written. Conflict:
+        the job has not succeeded yet.
         """
         return Download(self._transport, _path(job_id) + "/archive.zip", target, progress).run()
 

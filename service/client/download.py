@@ -33,8 +33,7 @@ _MANIFEST = "manifest.json"
 
 
 class Download:
-    """One archive, from its path below the server's address; ``progress`` is told of bytes so far and in all (None:
-    unknown).
+    """One archive, by its path below the server's address; ``progress`` gets bytes so far and in all (None: unknown).
     """
 
     def __init__(

@@ -124,11 +124,12 @@ class Chart:
         return self.spread(unit_vectors(self.inside(vertex_normals(vertices, self.head.triangles)), _Z), _Z)
 
     def frame(self, vertices: AnyFloat, vertex_normal: AnyFloat | None = None) -> TangentFrame:
-        """Tangent frame per texel of ``vertices`` (V, 3): normal interpolated from these or from ``vertex_normal`` (V,
-        3) unit, tangent along +u made orthogonal to it.
+        """Tangent frame per texel: normal interpolated from the vertices (V, 3), tangent along +u made orthogonal to
+        it.
 
         A tangent-space normal (x, y, z) means x * tangent + y * bitangent + z * normal: +Y up as in OpenGL and glTF.
         Where the direction of +u is degenerate the tangent is arbitrary; outside the islands the axes are x, y, z.
+        ``vertex_normal`` (V, 3) unit takes the place of the vertices' own.
         """
         n = vertex_normals(vertices, self.head.triangles) if vertex_normal is None else vertex_normal
         normal = unit_vectors(self.inside(n), _Z)

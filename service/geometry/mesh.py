@@ -190,8 +190,8 @@ def splat(
     weight: npt.NDArray[np.floating],
     count: int,
 ) -> tuple[Float64, Float64]:
-    """(V, C) weighted means of texel values (N, C) around each vertex, 0 where nothing lies, and (V,) their mean
-    weight.
+    """(V, C) weighted means of texel values (N, C) around each vertex, and (V,) their mean weight; 0 where nothing
+    lies.
 
     Each texel lies in a triangle with corners (N, 3), by barycentric weights (N, 3), and has a weight (N,) >= 0.
     """

@@ -65,9 +65,7 @@ class Queue:
         )  # fmt: skip
 
     def put(self, connection: sa.Connection, job: Mapping[str, Any] | sa.RowMapping) -> None:
-        """Put the workflow of a job (its ``id``, ``workflow``, ``kind`` and ``turn``) into the queue, as
-        :meth:`enqueue`.
-        """
+        """Put the workflow of a job into the queue, as :meth:`enqueue`."""
         self.enqueue(connection, KINDS[job["kind"]].place, WORKFLOW, job["workflow"], job["turn"], job["id"])
 
     def put_message(self, connection: sa.Connection, job: Mapping[str, Any] | sa.RowMapping, attempt: int = 1) -> None:

@@ -45,8 +45,7 @@ class Damaged(Exception):
 
 
 def kept_types(module: ModuleType) -> dict[str, type]:
-    """Dataclasses that the functions of a module's namespace return, and those that they hold in turn, by module and
-    name.
+    """By name, dataclasses that the functions of a module's namespace return, and those that they hold in turn.
 
     What the stages of ``service.pipeline`` may hand on thereby follows from their annotations, and a file that names
     anything else is refused.
@@ -67,8 +66,7 @@ def _name(kind: type) -> str:
 
 
 def pack(value: object, kinds: Mapping[str, type], stream: BinaryIO) -> None:
-    """Write a value to an empty file so that :func:`unpack` gives an equal one, to the last bit; maps go through in
-    pieces.
+    """Write a value to an empty file, maps in pieces, so that :func:`unpack` gives an equal one, to the last bit.
 
     A value is a dataclass out of ``kinds`` (:func:`kept_types`), an array without objects, a number, a string, None, or
     a tuple, list or dictionary (with strings as keys) of such; TypeError where it holds something else.
@@ -87,8 +85,7 @@ def pack(value: object, kinds: Mapping[str, type], stream: BinaryIO) -> None:
 
 
 def unpack(stream: IO[bytes], kinds: Mapping[str, type], *, mapped: bool = False) -> Any:
-    """The inverse of :func:`pack`; :class:`Damaged` where bytes were cut off or changed, or name a dataclass that is
-    gone.
+    """The inverse of :func:`pack`; :class:`Damaged` where bytes were changed or cut off, or name an unknown dataclass.
 
     ``mapped`` leaves the arrays in the file, which has to be one of this machine: they cannot be changed, and their
     pages are no memory of this process, as the system may drop them and read them again.

@@ -54,8 +54,8 @@ class Store:
         return self._one(sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.key == key))
 
     def page(self, tenant: str, limit: int, after: Row | None, state: str | None = None) -> list[Row]:
-        """Avatars of a tenant, newest first, those that are gone left out: of one ``state``, after the last job of a
-        page.
+        """Avatars of a tenant, of one ``state``, newest first from that ``after`` which they come; not those that are
+        gone.
         """
         query = sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.gone.is_(None), JOBS.c.kind == "avatar")
         if after is not None:

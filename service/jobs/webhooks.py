@@ -178,8 +178,8 @@ def send(where: Target, name: str, moment: int, body: bytes, secret: bytes, *, p
 
 
 def tell(store: Store, settings: Settings, job: str, attempt: int) -> str:
-    """One attempt to tell of the end of a job; what came of it, in words. The next one waits in the queue where it does
-    not arrive.
+    """One attempt to tell of the end of a job, the next one queued where it does not arrive; gives what came of it, in
+    words.
 
     A host that is not listed any more, or leads where nothing may be sent, is given up at once; of a job that was
     erased meanwhile nobody is told.

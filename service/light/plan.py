@@ -160,9 +160,7 @@ class LightPlan:
         return tuple(d for d in self.decisions if not d.runs)
 
     def runs(self, effect: str, light: int | None = None) -> bool:
-        """Whether an effect is computed; KeyError where the plan knows no such effect or light (it was made for another
-        scene).
-        """
+        """Whether an effect is computed; KeyError: the plan, made for another scene, knows no such effect or light."""
         for d in self.decisions:
             if d.effect == effect and d.light == light:
                 return d.runs

@@ -30,9 +30,7 @@ def checked_name(name: str, what: str) -> str:
 
 @dataclass(frozen=True)
 class ChartMap:
-    """A map on the head's chart, by its name in the archive; of "diffuse_albedo", where there is none, writers take
-    "texture".
-    """
+    """A map on the head's chart: its name in the archive; without "diffuse_albedo" writers take "texture" for it."""
 
     role: str
 

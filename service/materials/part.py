@@ -111,9 +111,7 @@ def targets_of(head: HeadModel, moved: Callable[[Float32], AnyFloat]) -> dict[st
 
 
 def check_parts(parts: Sequence[MeshPart], taken: Sequence[str]) -> None:
-    """NumericFault where two extra parts, their materials or their textures share a name, or one has that of the head's
-    own.
-    """
+    """NumericFault where extra parts, their materials or textures share a name, or a part has one that is ``taken``."""
     names = [*taken, *(part.name for part in parts)]
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:

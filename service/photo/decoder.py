@@ -236,9 +236,7 @@ def profile_to_srgb(image: Image.Image, icc: bytes) -> Image.Image | None:
 
 
 def gamma_to_srgb(image: Image.Image, gamma: float) -> Image.Image:
-    """Re-encode samples (L or RGB) that are light ** ``gamma``, over 0, with the sRGB curve (IEC 61966-2-1); 1 is
-    linear.
-    """
+    """Re-encode samples (L or RGB), light ** ``gamma`` > 0 (1 is linear), with the sRGB curve (IEC 61966-2-1)."""
     table = [round(255 * _srgb_code((value / 255) ** (1 / gamma))) for value in range(256)]
     return image.point(table * len(image.getbands()))
 

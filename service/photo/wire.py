@@ -131,9 +131,7 @@ class Reply(NamedTuple):
 
     @classmethod
     def parse(cls, message: bytes) -> Reply:
-        """Read a fixed-size message from the untrusted side; ValueError where it is no reply, or a value is out of its
-        range.
-        """
+        """Read a fixed-size message from the untrusted side; ValueError: it is no reply, or a value is out of range."""
         if len(message) != _REPLY.size:
             raise ValueError("short reply")
         magic, status, notes, width, height, focal, *steps = _REPLY.unpack(message)

@@ -264,8 +264,8 @@ class SeenHead:
         return np.split(share, np.cumsum([len(one) for one in alpha])[:-1])
 
     def resolved(self, radiance: Float32) -> tuple[Float32, Float32]:
-        """(h, w, 3) linear radiance times coverage, and (h, w) coverage in [0, 1]: means over each pixel; of the head
-        (N, 3).
+        """(h, w, 3) linear radiance (of the head's points: (N, 3)) times coverage, and (h, w) coverage, means over each
+        pixel.
 
         A sample shows either the head or what goes on from it, as the bust does: no gap is left between two edges that
         are half covered.
@@ -354,8 +354,8 @@ def painted(part: MeshPart, uv: Float32, chart: Float32 | None) -> Float32:
 
 
 def bent(drawn: DrawnPart, shown: Int64, inside: Float32, uv: Float32) -> Float32 | None:
-    """(F, 3) unit normals of a part's own map at places (F, 2), about those of its mesh; None without such a map, or in
-    the open.
+    """(F, 3) unit normals of a recessed part's own map at places (F, 2), about those of its mesh; None without such a
+    map.
 
     ``shown`` (F,) are its triangles and ``inside`` (F, 3) the barycentric coordinates there.
     """

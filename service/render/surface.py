@@ -72,8 +72,8 @@ class Surface(LitChart):
 
 
 def build_surface(head: HeadModel, vertices: AnyFloat, maps: Mapping[str, StoredMap], size: Size) -> Surface:
-    """Decode the maps (``ROLES``) and reduce them to a size (width, height): colours as linear light, normals with
-    their variance.
+    """Decode the maps (``ROLES``) and reduce them to (width, height): colours as linear light, normals with their
+    variance.
 
     BadArchive: there is neither albedo nor texture, or a map cannot be read.
     """
