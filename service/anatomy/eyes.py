@@ -260,8 +260,7 @@ def eye_picture(head: HeadModel, iris: Float32, size: int = SIZE) -> UInt8:
 
 
 def surface_picture(head: HeadModel, size: int = RELIEF_SIZE) -> UInt8:
-    """(size, size, 3) uint8 normals of a left eye's cornea and tear film about those of the ball's mesh, 128 + 127 n.
-    """
+    """(size, size, 3) uint8 normals, 128 + 127 n, of cornea and tear film about those of the mesh of a left eye."""
     ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
     points, faces, uv = globe(ball)
     normals = area_normals(points, part_triangles(faces)).astype(np.float64)

@@ -82,8 +82,7 @@ def joint_paths() -> list[str]:
 
 
 def read_meshes(data: bytes) -> list[Prim]:
-    """Meshes of a file of :func:`usda_bytes`, with their blendshapes as children; ValueError: it is none, or cut off.
-    """
+    """Meshes of a file of :func:`usda_bytes`, with blendshapes as their children; ValueError where it is none."""
     text, materials, _ = data.decode("ascii").partition(_MATERIALS)
     if not materials:
         raise ValueError("it ends before its materials")

@@ -33,8 +33,7 @@ _MANIFEST = "manifest.json"
 
 
 class Download:
-    """One archive, by its path below the server's address; ``progress`` gets bytes so far and in all (None: unknown).
-    """
+    """One archive, by its path below the server's address; ``progress`` gets bytes so far and in all, if known."""
 
     def __init__(
         self, transport: Transport, path: str, target: Path, progress: Callable[[int, int | None], None]

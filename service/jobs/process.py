@@ -157,9 +157,7 @@ def end_with_parent(parent: int) -> None:
 
 
 def keep_private(folder: Path) -> None:
-    """Let nobody but this process's user read what it writes from now on, nor what lies in a folder, made where
-    missing.
-    """
+    """Let nobody but this process's user read what it writes from now on, nor what lies in a folder, which it makes."""
     os.umask(0o077)
     folder.mkdir(parents=True, exist_ok=True)
     for place, _, files in os.walk(folder):

@@ -54,9 +54,7 @@ class Store:
         return self._one(sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.key == key))
 
     def page(self, tenant: str, limit: int, after: Row | None, state: str | None = None) -> list[Row]:
-        """Avatars of a tenant, of one ``state``, newest first from that ``after`` which they come; not those that are
-        gone.
-        """
+        """Avatars of a tenant, newest first, beginning behind one: those in a ``state``, and none that are gone."""
         query = sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.gone.is_(None), JOBS.c.kind == "avatar")
         if after is not None:
             query = query.where(sa.tuple_(JOBS.c.created_at, JOBS.c.id) < sa.tuple_(after["created_at"], after["id"]))
