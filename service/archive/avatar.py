@@ -34,14 +34,10 @@ from service.words import WarningCode
 
 @dataclass(frozen=True)
 class Source:
-    """One of the photos that an avatar was made from.
+    """One of the photos, upright, that an avatar was made from, with the person's face in it and the fit of the head.
 
-    Attributes:
-        photo: upright.
-        face: the person's in it.
-        fit: of the one head in it.
-        used_for: what it told: "shape", "texture", "albedo", "detail", and of the first "expression", "eyes", "hair".
-        share: of the seen texture that it shows, in [0, 1].
+    ``used_for`` is what it told: "shape", "texture", "albedo", "detail", and of the first "expression", "eyes", "hair";
+    ``share`` how much of the seen texture it shows, in [0, 1].
     """
 
     photo: Photo

@@ -135,11 +135,7 @@ def wrinkle_of(avatar: Avatar, role: str) -> Wrinkle | None:
 
 @dataclass(frozen=True)
 class MapFiles:
-    """Paths of maps as seen from the mesh.
-
-    Attributes:
-        roles: maps of the chart that the archive has.
-    """
+    """Paths of maps as seen from the mesh, in an archive that has the chart's maps of some roles."""
 
     roles: Collection[str]
 

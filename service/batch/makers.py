@@ -43,15 +43,9 @@ JOBS = 3
 
 @dataclass(frozen=True)
 class Order:
-    """One photo to be made.
+    """One photo to be made into ``target``, whose folder is there; attempts count from 1.
 
-    Attributes:
-        photo: the file.
-        name: its name in the report.
-        sha256: its hex digest.
-        options: what was asked for, JSON values; what is not named has its default.
-        attempt: counts from 1.
-        target: where the archive goes; the folder is there.
+    ``name`` is that of the report; what ``options``, JSON values, do not name has its default.
     """
 
     photo: Path

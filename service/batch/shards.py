@@ -118,12 +118,9 @@ def workflow_id(name: str, number: int) -> str:
 
 @dataclass(frozen=True)
 class Asked:
-    """What a batch asks for.
+    """What a batch asks for: the place of its photos, JSON values of options, and since when, seconds since 1970.
 
-    Attributes:
-        source: where the photos are.
-        options: JSON values of options.
-        since: archives that are older were made with other options; seconds since 1970.
+    Archives that are older were made with other options.
     """
 
     source: Place

@@ -43,17 +43,10 @@ _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,127}")
 
 @dataclass(frozen=True)
 class Job:
-    """One job as the server described it at one moment.
+    """One job as the server described it at one moment; ``content`` is all that it said, also what newer servers know.
 
-    Attributes:
-        id: the server's name for it.
-        state: where it is in its life.
-        stage: the pipeline stage that is running, empty before and after.
-        progress: share of the work that is done, in [0, 1].
-        error: why it failed, or None.
-        warnings: stable codes.
-        options: the request with all defaults filled in.
-        content: all that the server said: times, links and what newer servers know.
+    ``stage`` is empty before and after, ``progress`` a share in [0, 1], ``warnings`` are stable codes, and ``options``
+    the request with all defaults filled in.
     """
 
     id: str

@@ -45,8 +45,7 @@ class Task:
         photo: path of the photo on this machine.
         photo_sha256: hex digest that the photo has to have.
         options: JSON values of ``service.options.Options``.
-        artifacts: fsspec URL of the store, for finished stages.
-        stages: folder of these; "" for the job's own.
+        artifacts: fsspec URL of the store, for finished stages, in the folder ``stages``; "" for the job's own.
         output: path to write the archive to.
         scratch: folder for files on their way.
         tight: get by with less memory than usual; an attempt before this one ran out of it.

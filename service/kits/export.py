@@ -84,13 +84,7 @@ def known_tool(tool: object) -> str:
 
 @dataclass(frozen=True)
 class Kit:
-    """What was written.
-
-    Attributes:
-        folder: of the kit.
-        files: all of it.
-        scene: ``avatar.blend``; None where it is not for Blender, or Blender is not installed.
-    """
+    """What was written: all files of a folder, and ``avatar.blend``, None without Blender or for another tool."""
 
     folder: Path
     files: tuple[Path, ...]

@@ -139,12 +139,7 @@ class Decision:
 
 @dataclass(frozen=True)
 class LightPlan:
-    """Which effects run.
-
-    Attributes:
-        decisions: one for every effect (and light).
-        tolerance: as requested, in 1/255 of sRGB.
-    """
+    """Which effects run: one decision for every effect (and light), within a tolerance in 1/255 of sRGB."""
 
     decisions: tuple[Decision, ...]
     tolerance: float
