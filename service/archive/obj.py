@@ -201,10 +201,10 @@ def data_maps(materials: Iterable[Material], files: MapFiles, charts: Mapping[st
             ("specular", material.specular_map), ("roughness", material.roughness_map), ("normal", material.normal_map),
         ):  # fmt: skip
             path = data_path(one, files)
-            name = None if path is None else path.removeprefix("../") if path.startswith("../") else f"mesh/{path}"
-            if name is None or name in made:
+            if one is None or path is None:
                 continue
-            if one is not None:
+            name = path.removeprefix("../") if path.startswith("../") else f"mesh/{path}"
+            if name not in made:
                 values = charts[one.role] if isinstance(one, ChartMap) else _own_values(one, slot)
                 if material.strand_map is not None:  # noise that compresses badly, and at a distance is none
                     values = shrunk(values, (values.shape[1] // 2, values.shape[0] // 2))

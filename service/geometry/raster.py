@@ -320,9 +320,8 @@ def transmittances(pixel: Int64, alpha: AnyFloat) -> Float32:
     """
     # Products over runs of equal pixels are differences of running sums of logarithms; opacity 1 would be infinite.
     through = np.log(np.maximum(1.0 - np.asarray(alpha, np.float64), 1e-9))
-    before = np.concatenate([[0.0], np.cumsum(through)[:-1]]) if len(through) else through
-    first = np.searchsorted(pixel, pixel)
-    return np.asarray(np.exp(before - before[first]), np.float32) if len(through) else np.zeros(0, np.float32)
+    before = np.concatenate([[0.0], np.cumsum(through)])[:-1]
+    return np.asarray(np.exp(before - before[np.searchsorted(pixel, pixel)]), np.float32)
 
 
 def composite(pixel: Int64, colour: AnyFloat, alpha: AnyFloat, count: int) -> Float32:

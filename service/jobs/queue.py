@@ -112,8 +112,6 @@ class Queue:
         ``service.jobs.runner``. Where a worker is not dead after all, the step that it is at runs twice and its
         result counts once.
         """
-        if not workers:
-            return 0
         held = self.client.list_workflows(
             status="PENDING", executor_id=sorted(workers), load_input=False, load_output=False, limit=MOST_LISTED
         )
