@@ -21,7 +21,7 @@ from service.errors import AvatarError, UsageError
 from service.options import Options
 from service.photo.gate import expect_photo
 from service.photo.limits import PIPE, called, read_file
-from service.photo.video import VideoLimits, expect_video
+from service.photo.video import MAX_VIDEO_BYTES, expect_video
 from service.words import WORDS
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def make(
     model = head_file(head)
     data = [read_file(photo) for photo in photos or ()]
     if video is not None:
-        data.append(read_file(video, "video", VideoLimits().max_bytes))
+        data.append(read_file(video, "video", MAX_VIDEO_BYTES))
         expect_video(data[-1], called(video))
     expect_output(target)
     with progress_bar() as progress, naming(files):

@@ -98,7 +98,7 @@ class Background(logging.Handler):
             return json.dumps({"level": "error", "logger": __name__, "message": f"{record.msg!r}: {error!r}"})
 
 
-def set_up(level: int = logging.INFO) -> None:
+def set_up() -> None:
     """Send all logs to standard error as JSON; a standard error that is gone or full is no reason to stop."""
     global _handler
     if _handler is None:
@@ -107,7 +107,7 @@ def set_up(level: int = logging.INFO) -> None:
     logging.raiseExceptions = False
     root = logging.getLogger()
     root.handlers[:] = [_handler]
-    root.setLevel(level)
+    root.setLevel(logging.INFO)
     for name in ("dbos", "uvicorn", "uvicorn.error", "uvicorn.access"):
         logger = logging.getLogger(name)
         logger.handlers.clear()

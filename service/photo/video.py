@@ -11,7 +11,6 @@ import os
 import struct
 import sys
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -20,29 +19,17 @@ from service.photo.container import AVIF_BRANDS, HEIC_BRANDS, HEIC_SEQUENCE_BRAN
 from service.photo.gate import begun, ended
 from service.photo.wire import lower_limits
 
+MAX_VIDEO_BYTES = 100_000_000
+MAX_PIXELS = 4096 * 2304
+"""Of a frame."""
+MAX_FRAMES = 1800
+"""That are read: a minute at 30 a second. What comes after them is not looked at."""
+MOMENTS = 24
+"""Frames that are handed on at most."""
+MEMORY_BYTES, CPU_SECONDS, WALL_SECONDS = 3 * 1024**3, 60, 300.0
+"""Of the process that reads a video."""
 
-@dataclass(frozen=True)
-class VideoLimits:
-    """Bounds on a video and on the process that reads it.
-
-    Attributes:
-        max_bytes: largest file.
-        max_pixels: of a frame.
-        max_frames: that are read; a minute at 30 a second. What comes after them is not looked at.
-        moments: frames that are handed on at most.
-        memory_bytes, cpu_seconds, wall_seconds: of the process.
-    """
-
-    max_bytes: int = 100_000_000
-    max_pixels: int = 4096 * 2304
-    max_frames: int = 1800
-    moments: int = 24
-    memory_bytes: int = 3 * 1024**3
-    cpu_seconds: int = 60
-    wall_seconds: float = 300.0
-
-
-_BOOT = "import sys; sys.path.insert(0, sys.argv.pop(1)); from service.photo.video import main; main(*sys.argv[1:])"
+_BOOT = "import sys; sys.path.insert(0, sys.argv.pop(1)); from service.photo.video import main; main(sys.argv[1])"
 NO_VIDEO, TOO_LARGE = 3, 4
 """Exit statuses of the process."""
 MOST_OF_A_FRAME = 32 << 20
@@ -63,28 +50,27 @@ def expect_video(data: bytes, name: str) -> None:
         raise UnsupportedFormat(f"{name} is no video that is read: MP4, QuickTime and WebM are")
 
 
-def sharp_frames(data: bytes, limits: VideoLimits = VideoLimits()) -> list[bytes]:
+def sharp_frames(data: bytes) -> list[bytes]:
     """JPEG files of the sharpest frame of each moment of a video, in order of time.
 
     TooManyBytes, TooManyPixels, TooComplex: it is over a limit. CorruptImage: it cannot be read, or has no frame.
     AvatarError: the process could not be started.
     """
-    if len(data) > limits.max_bytes:
-        raise TooManyBytes(f"the video has {len(data)} bytes; at most {limits.max_bytes} are accepted")
+    if len(data) > MAX_VIDEO_BYTES:
+        raise TooManyBytes(f"the video has {len(data)} bytes; at most {MAX_VIDEO_BYTES} are accepted")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "video"
         path.write_bytes(data)
-        numbers = (limits.moments, limits.max_frames, limits.max_pixels, limits.memory_bytes, limits.cpu_seconds)
         root = Path(__file__).resolve().parents[2]
-        command = [sys.executable, "-E", "-s", "-c", _BOOT, str(root), str(path), *map(str, numbers)]
-        with ended(begun(command, {}), limits.wall_seconds) as (status, out):
+        command = [sys.executable, "-E", "-s", "-c", _BOOT, str(root), str(path)]
+        with ended(begun(command, {}), WALL_SECONDS) as (status, out):
             frames = _frames(out.read())
     if status is None:
-        raise TooComplex(f"reading the video took more than {limits.wall_seconds:g} s")
+        raise TooComplex(f"reading the video took more than {WALL_SECONDS:g} s")
     if status == TOO_LARGE:
-        raise TooManyPixels(f"the frames of the video have more than {limits.max_pixels} pixels")
+        raise TooManyPixels(f"the frames of the video have more than {MAX_PIXELS} pixels")
     if not frames and status in (-9, -24):
-        raise TooComplex(f"reading the video takes more than {limits.cpu_seconds} s of computing")
+        raise TooComplex(f"reading the video takes more than {CPU_SECONDS} s of computing")
     if not frames:
         raise CorruptImage("the video cannot be read; MP4, QuickTime and WebM are")
     return frames
@@ -103,30 +89,29 @@ def _frames(stream: bytes) -> list[bytes]:
     return frames
 
 
-def main(path: str, *numbers: str) -> None:
+def main(path: str) -> None:
     """The process: writes the sharpest frame of each of so many equal parts of a video, as JPEG files."""
-    moments, most_frames, most_pixels, memory, seconds = map(int, numbers)
     os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = "protocol_whitelist;file|threads;1"
     os.environ["OPENCV_LOG_LEVEL"] = "OFF"
     import cv2
 
     cv2.setNumThreads(1)
     capture = cv2.VideoCapture(path, cv2.CAP_FFMPEG)
-    lower_limits(CPU=seconds, AS=memory, CORE=0, FSIZE=moments * MOST_OF_A_FRAME, NOFILE=0)
+    lower_limits(CPU=CPU_SECONDS, AS=MEMORY_BYTES, CORE=0, FSIZE=MOMENTS * MOST_OF_A_FRAME, NOFILE=0)
     if not capture.isOpened():
         sys.exit(NO_VIDEO)
     width, height = (int(capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    if width < 1 or height < 1 or width * height > most_pixels:
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
         sys.exit(TOO_LARGE)
     told = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-    count = min(told, most_frames) if told > 0 else most_frames
+    count = min(told, MAX_FRAMES) if told > 0 else MAX_FRAMES
     out, best, at = sys.stdout.buffer, (-1.0, b""), 0
-    for number in range(most_frames):
+    for number in range(MAX_FRAMES):
         read, frame = capture.read()
         if not read:
             break
-        if number * moments // count != at:
-            at = number * moments // count
+        if number * MOMENTS // count != at:
+            at = number * MOMENTS // count
             _send(out, best[1])
             best = (-1.0, b"")
         scale = min(480 / max(frame.shape[:2]), 1.0)
