@@ -1,12 +1,14 @@
 """Curls by how strands beside each other run: ``python -m benchmarks.curls SHARDS [--write docs/hair.md]``.
 
-Drawn people whose grooms the reader was never taught (``python -m models.people --framing hair --count 224 --size 448
---out SHARDS``): how much the strands of each kind of curl agree, which is what ``service.hair.reading`` knows of curls
-beside its network, and how often the likeliest curl is right with and without it.
+With ``--photos DIR --table CSV`` of photos instead: a table by eye, with the columns photo and curl, of people whose
+hair hangs. Else drawn people whose grooms the reader was never taught (``python -m models.people --framing hair --count
+224 --size 448 --out SHARDS``): how much the strands of each kind of curl agree, which is what ``service.hair.reading``
+knows of curls beside its network, and how often the likeliest curl is right with and without it.
 """
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -14,11 +16,14 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from benchmarks.hair_reading import Eyes
 from models.people.shards import UNKNOWN
 from models.tables import tell
 from models.training.hair_data import CURL, LENGTH, crop_of_person, read_people
+from service.face.reading.reader import read_face
 from service.hair.kinds import CURLS, KINDS, LENGTHS
-from service.hair.reading import CELLS, FINE, SIDE, HairNetwork, agreement, with_curls
+from service.hair.reading import CELLS, FINE, SIDE, HairNetwork, agreement, read_hair, with_curls
+from service.photo.gate import read_photo
 
 MARK = ("<!-- curls -->", "<!-- /curls -->")
 Told = tuple[str, float, str, str]
@@ -43,12 +48,37 @@ def measured(folder: Path) -> Iterator[Told]:
             yield CURLS[kinds[CURL]], agrees, max(plain, key=lambda c: plain[c]), max(both, key=lambda c: both[c])
 
 
+def of_photos(folder: Path, table: Path) -> Iterator[Told]:
+    """The same of the largest face of each photo of a table."""
+    eyes = Eyes()
+    with table.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        pixels = read_photo((folder / row["photo"]).read_bytes()).pixels
+        faces = eyes.finder.find(pixels)
+        read = read_face(pixels, faces[0].landmarks, eyes.readers) if faces else None
+        found = None if read is None else read_hair(pixels, read, eyes.hair)
+        if found is None:
+            continue
+        agrees = agreement(found.region.cut(pixels, FINE * CELLS), (found.mask > 0.7) & (found.known > 0.7))
+        if agrees is not None:
+            plain = eyes.hair(found.region.cut(pixels, SIDE)).kinds["curl"]
+            yield row["curl"], agrees, max(plain, key=lambda c: plain[c]), found.likeliest("curl")[0]
+
+
 def main(
-    shards: Annotated[Path, typer.Argument(help="Folder of drawn people.")],
+    shards: Annotated[Path | None, typer.Argument(help="Folder of drawn people.")] = None,
     write: Annotated[Path | None, typer.Option(help="Page to write the table into.")] = None,
+    photos: Annotated[Path | None, typer.Option(help="Folder of photos.")] = None,
+    table: Annotated[Path | None, typer.Option(help="CSV of their curls.")] = None,
 ) -> None:
     """Print a table by curl."""
-    rows = list(measured(shards))
+    if photos is not None and table is not None:
+        rows = list(of_photos(photos, table))
+    elif shards is not None:
+        rows = list(measured(shards))
+    else:
+        raise typer.BadParameter("either SHARDS, or --photos and --table")
     lines = ["| curl | people | agreement | network right | with the agreement |", "|---|---|---|---|---|"]
     for curl in (*CURLS, "all"):
         of = [row for row in rows if curl in (row[0], "all")]

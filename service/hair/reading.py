@@ -181,11 +181,12 @@ LOCK, AROUND = 1.5, 12.5
 compared, 16 mm: some turns of a curl."""
 LEAST_CELLS = 400
 """Cells of hair, 60 square centimetres, below which it tells nothing of curls."""
-CURLED, SMOOTH = (0.42, 0.12), (0.745, 0.105)
-"""Mean and standard deviation of the agreement in curly and coily hair, and in straight and wavy hair, of drawn people
-whose hair hangs to the jaw or lower (``python -m benchmarks.curls SHARDS``)."""
-MOST_TOLD = 10.0
-"""Factor by which the agreement makes curls likelier, or less likely, at most."""
+AGREES = {"straight": (0.84, 0.08), "wavy": (0.74, 0.09), "curly": (0.5, 0.1), "coily": (0.5, 0.1)}
+"""Mean and standard deviation of the agreement in photos of loose hair that hangs to the jaw or lower
+(``python -m benchmarks.curls``); of drawn people straight hair is as wavy hair is here."""
+LEAST_TOLD, TRUSTED = 0.02, 0.5
+"""Likelihood of a curl by the agreement, over that of the likeliest, at least; and the power of the network's own
+probabilities: of photos it is surer than it is right."""
 
 
 def agreement(crop: UInt8, hair: Bool) -> float | None:
@@ -222,11 +223,11 @@ def with_curls(kinds: Mapping[str, Mapping[str, float]], agrees: float | None) -
     """
     length, gathered = kinds["length"], kinds["gathered"]
     hangs = sum(length[name] for name in LENGTHS[LENGTHS.index("jaw") :])
-    if agrees is None or hangs < 0.5 or max(gathered, key=lambda name: gathered[name]) != "none":
+    if agrees is None or hangs < 0.5 or max(gathered, key=lambda name: gathered[name]) not in ("none", "half"):
         return kinds
-    odds = [np.exp(-0.5 * ((agrees - mean) / spread) ** 2) / spread for mean, spread in (CURLED, SMOOTH)]
-    factor = float(np.clip(odds[0] / max(odds[1], 1e-12), 1 / MOST_TOLD, MOST_TOLD))
-    chance = {name: share * (factor if name in ("curly", "coily") else 1.0) for name, share in kinds["curl"].items()}
+    fits = {name: float(np.exp(-0.5 * ((agrees - mean) / sd) ** 2)) / sd for name, (mean, sd) in AGREES.items()}
+    least = LEAST_TOLD * max(max(fits.values()), 1e-12)
+    chance = {name: share**TRUSTED * max(fits[name], least) for name, share in kinds["curl"].items()}
     return {**kinds, "curl": {name: share / sum(chance.values()) for name, share in chance.items()}}
 
 

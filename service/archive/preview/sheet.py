@@ -12,7 +12,8 @@ from service.anatomy.wearables import bust_colours, small_albedo, to_albedo
 from service.archive.avatar import Avatar, Drawn, View
 from service.archive.images import encode_normals8
 from service.arrays import Float32, UInt8
-from service.colour import bytes_to_linear, to_bytes
+from service.colour import bytes_to_linear, luma, to_bytes
+from service.face.features.eye_colours import colourless
 from service.geometry.camera import Camera
 from service.geometry.mesh import normalise
 from service.geometry.sampling import sample_chart
@@ -76,6 +77,7 @@ def coloured(avatar: Avatar) -> tuple[tuple[View, ...], tuple[View, ...]]:
     model, tint = DrawnHead.of(avatar.head, avatar.fit.vertices, avatar.parts), photo_light(avatar)
     behind = backdrop(*TILE)
     neck = bust_colours(avatar.head, texture)
+    grey = avatar.fit.cheek is not None and colourless(avatar.fit.cheek)
 
     def views(yaw: int) -> tuple[View, list[View]]:
         camera = turned_camera(framed(model.vertices, [one.part for one in model.parts]), yaw, *TILE)
@@ -87,7 +89,10 @@ def coloured(avatar: Avatar) -> tuple[tuple[View, ...], tuple[View, ...]]:
                 # It goes on from the neck, whose shadows the light of the whole photo does not tell.
                 shown = np.rint(sample_chart(neck, one.uv)).astype(np.uint8)
                 one.colour[:] = bytes_to_linear(shown) / np.array(tint, np.float32)
-        first = side, to_bytes(over(*sketch(seen, seen.read(colours), None, tint), behind))
+        shown, covered = sketch(seen, seen.read(colours), None, tint)
+        if grey:  # what is made has a hue, which the light of such a photo would turn
+            shown = np.repeat(luma(shown)[..., None], 3, -1)
+        first = side, to_bytes(over(shown, covered, behind))
         for one, colour in busts:
             one.colour[:] = colour
         if albedo is None:

@@ -67,13 +67,18 @@ COLOURLESS = 0.012
 """Range of the channels of an sRGB colour below which it has no hue: three codes of 255."""
 
 
+def colourless(shown: Float32) -> bool:
+    """Whether an sRGB colour (3,) in [0, 1] has no hue, as all of a photo without colour."""
+    return float(shown.max() - shown.min()) < COLOURLESS
+
+
 def iris_without_light(shown: Float32, white: Float32) -> Float32:
     """(3,) linear albedo of irises of sRGB colour (3,) in light in which white is linear RGB (3,).
 
     A photo without colour shows how dark they are and not their hue: they are brown, as most are.
     """
     albedo = np.asarray(srgb_to_linear(shown) / white, np.float32)
-    if float(shown.max() - shown.min()) < COLOURLESS:
+    if colourless(shown):
         albedo = IRIS * np.float32(luma(albedo) / luma(IRIS))
     return likely_iris(albedo)
 

@@ -12,7 +12,7 @@ import pytest
 
 from service.archive.pack import draw
 from service.archive.preview.overlay import crop_box, overlay
-from service.archive.preview.sheet import TILE, WARNING, blank, sheet, write_text
+from service.archive.preview.sheet import TILE, WARNING, blank, coloured, sheet, write_text
 from service.colour import bytes_to_linear
 from service.geometry.camera import Camera
 from service.light.environment import Illumination
@@ -91,6 +91,19 @@ def test_sheet_shows_views_facts_and_maps() -> None:
     many = replace(toy_avatar(), warnings=get_args(WarningCode)[:9])
     assert sheet(many, draw(many)).shape == first.shape
     assert (sheet(many, draw(many)) != first).any(), "warnings are on the sheet"
+
+
+def test_what_is_made_for_a_photo_without_colour_shows_none_in_its_light() -> None:
+    """Teeth and sclera were blue and hair green: their own hue in a light that makes skin grey."""
+    plain = toy_avatar()
+    ruddy = np.broadcast_to(np.array([190, 130, 110], np.uint8), plain.texture.texture.shape)
+    for cheek, hue in ((0.5, 0.5, 0.5), False), ((0.6, 0.5, 0.45), True), (None, True):
+        told = None if cheek is None else np.array(cheek, np.float32)
+        avatar = replace(
+            plain, fit=replace(plain.fit, cheek=told), texture=replace(plain.texture, texture=ruddy.copy())
+        )
+        middle = np.ptp(coloured(avatar)[0][2][1][110:160, 110:150].astype(int), 2)
+        assert (middle > 20).any() == hue, cheek
 
 
 def test_warnings_on_the_sheet_are_sentences_that_fit() -> None:
