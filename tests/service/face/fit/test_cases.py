@@ -40,7 +40,8 @@ def read(name: str) -> tuple[Photo, Face, Reading]:
     faces = finder.find(photo.pixels)
     if name in PROFILES:
         assert not faces, f"{name}: the landmark network sees it, so the case tests nothing"
-        faces = faces_by_reading(photo.pixels, finder.doubted(photo.pixels), load_head(), readers.pixels)
+    # As the product does: some faces that the network sees on one kind of processor, it doubts on another.
+    faces = faces or faces_by_reading(photo.pixels, finder.doubted(photo.pixels), load_head(), readers.pixels)
     assert faces, f"{name}: no face"
     reading = read_face(photo.pixels, faces[0].landmarks, readers)
     assert reading is not None
