@@ -143,13 +143,14 @@ def _refined(
             if read is not None:
                 # Yaw from which on landmarks and the normals that were read are not followed where places were read,
                 # and up to which they are: the landmark network draws the hidden half of profiles, and both turn these
-                # some degrees to the camera.
+                # some degrees to the camera. Places in profile are off as well, by more than the other photos are.
                 squarely = max(float(smoothstep(np.array(abs(state.yaw_deg)), 68.0, 52.0)), HARDLY)
                 # A photo alone and from the front is told by its landmarks more, and less by the prior of identity.
                 frontal = float(smoothstep(np.array(abs(state.yaw_deg)), 25.0, 12.0)) * (len(sights) == 1)
                 own[0] = replace(points, precision=points.precision * squarely * (1.0 + frontal))
                 own[1] = replace(priors[k], shape_precision=priors[k].shape_precision * (1.0 - 0.7 * frontal * plain))
-                own.append(read.points(state))
+                places = read.points(state)
+                own.append(places if len(sights) == 1 else replace(places, precision=places.precision * squarely))
                 own += [read.normals(state, shape)] if normals and squarely > HARDLY else []
             outline = contour.term(soft[k], photos[k][1], state, shape, reach)
             end = None

@@ -10,12 +10,12 @@ from service.arrays import Float64
 from service.face.finder import Face
 from service.face.fit.dense import DenseTerms, correspondences, normal_derivative
 from service.face.fit.fit import FitSettings
-from service.face.fit.fit_face import fit_face
+from service.face.fit.fit_face import fit_face, fit_views
 from service.face.fit.landmark_fit import LandmarkModel, extended
 from service.face.fit.solver import POSE, State
 from service.face.reading.openings import EYE, STATIONS, Opening
 from service.face.reading.part_labels import PARTS, SKIN
-from service.face.reading.reader import CELLS, PART_CELLS, Reading, crop_of
+from service.face.reading.reader import CELLS, PART_CELLS, Reading, View, crop_of
 from service.geometry.camera import Camera, ahead, exp_rotation
 from service.geometry.mesh import area_normals, normalise
 from service.geometry.raster import rasterise
@@ -88,6 +88,16 @@ def test_a_perfect_reading_brings_the_shape_back(head: HeadModel, yaw: float) ->
     dense = fit_face(face, photo, head, FitSettings(refine="dense"), reading)
     assert "not-read" not in dense.warnings
     assert error_mm(head, dense.neutral, truth) < min(1.2, 0.6 * error_mm(head, points.neutral, truth))
+
+
+def test_a_profile_that_is_read_wrong_leaves_the_shape_to_the_other_photos(head: HeadModel) -> None:
+    """The reader sees the average head in every profile, where it errs most."""
+    truth = somebody(head)
+    views = [View(photo, face, reading) for face, photo, reading in (seen(head, truth, yaw) for yaw in (0.0, 30.0))]
+    face, photo, reading = seen(head, head.mean.astype(np.float64), 76.0)
+    two, three = (fit_views(chosen, head)[0] for chosen in (views, [*views, View(photo, face, reading)]))
+    errors = [error_mm(head, one.neutral, truth) for one in (two, three)]
+    assert errors[1] < 1.1 * errors[0], errors
 
 
 def test_normals_bend_the_shape_where_places_are_vague(head: HeadModel) -> None:
