@@ -87,8 +87,8 @@ def coloured(avatar: Avatar) -> tuple[tuple[View, ...], tuple[View, ...]]:
         for one, _ in busts:
             if neck is not None:
                 # It goes on from the neck, whose shadows the light of the whole photo does not tell.
-                shown = np.rint(sample_chart(neck, one.uv)).astype(np.uint8)
-                one.colour[:] = bytes_to_linear(shown) / np.array(tint, np.float32)
+                skin = np.rint(sample_chart(neck, one.uv)).astype(np.uint8)
+                one.colour[:] = bytes_to_linear(skin) / np.array(tint, np.float32)
         shown, covered = sketch(seen, seen.read(colours), None, tint)
         if grey:  # what is made has a hue, which the light of such a photo would turn
             shown = np.repeat(luma(shown)[..., None], 3, -1)
