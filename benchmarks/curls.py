@@ -20,9 +20,8 @@ from benchmarks.hair_reading import Eyes
 from models.people.shards import UNKNOWN
 from models.tables import tell
 from models.training.hair_data import CURL, LENGTH, crop_of_person, read_people
-from service.face.reading.reader import read_face
 from service.hair.kinds import CURLS, KINDS, LENGTHS
-from service.hair.reading import CELLS, FINE, SIDE, HairNetwork, agreement, read_hair, with_curls
+from service.hair.reading import CELLS, FINE, SIDE, HairNetwork, agreement, with_curls
 from service.photo.gate import read_photo
 
 MARK = ("<!-- curls -->", "<!-- /curls -->")
@@ -55,11 +54,10 @@ def of_photos(folder: Path, table: Path) -> Iterator[Told]:
         rows = list(csv.DictReader(file))
     for row in rows:
         pixels = read_photo((folder / row["photo"]).read_bytes()).pixels
-        faces = eyes.finder.find(pixels)
-        read = read_face(pixels, faces[0].landmarks, eyes.readers) if faces else None
-        found = None if read is None else read_hair(pixels, read, eyes.hair)
-        if found is None:
+        read = eyes.read(pixels)
+        if read is None:
             continue
+        found, _ = read
         agrees = agreement(found.region.cut(pixels, FINE * CELLS), (found.mask > 0.7) & (found.known > 0.7))
         if agrees is not None:
             plain = eyes.hair(found.region.cut(pixels, SIDE)).kinds["curl"]
