@@ -13,7 +13,7 @@ def healthy(environment: dict[str, str]) -> bool:
     Args:
         environment: ``AVATARME_PORT``.
     """
-    port = int(environment.get("AVATARME_PORT", "8000"))
+    port = int(environment.get("AVATARME_PORT") or 8000)
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=4)
     try:
         connection.request("GET", "/readyz")

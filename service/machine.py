@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 ROOT = Path("/")
@@ -16,6 +16,11 @@ ROOT = Path("/")
 
 _NO_LIMIT = 1 << 60
 """What version 1 writes where there is no limit is about 2^63."""
+
+
+def variable(name: str, environment: Mapping[str, str] = os.environ) -> str | None:
+    """A setting from the environment. None: it is not there or empty, as compose files pass what nobody has set."""
+    return environment.get(name) or None
 
 
 def memory_bytes(root: Path = ROOT) -> int:

@@ -16,7 +16,7 @@ from service.cli.app import INTERRUPTED, describe
 from service.cli.files import head_file
 from service.cli.flags import AVATAR, Flag, Head, Json, asked, parsed, with_flags
 from service.errors import AvatarError, UsageError
-from service.machine import processors
+from service.machine import processors, variable
 
 if TYPE_CHECKING:
     from service.batch.driver import Tally, Wanted
@@ -75,7 +75,7 @@ def batch(
     wanted = driver.Wanted(
         source=source, out=out, options=options, jobs=jobs or at_once, resume=resume,
         watch=watch, keep=keep, timeout_s=given.pop("timeout", driver.Wanted.timeout_s),
-        api_key=os.environ.get(KEY), **given,
+        api_key=variable(KEY), **given,
     )  # fmt: skip
     _check(wanted, jobs, head)
     try:

@@ -14,6 +14,7 @@ from pydantic.dataclasses import dataclass
 
 from service.checks import CHECKED, Checked, Right
 from service.errors import UsageError
+from service.machine import variable
 
 PREFIX = "AVATARME_"
 
@@ -123,7 +124,7 @@ def from_environment(flags: Mapping[str, Any], environment: Mapping[str, str] = 
     UsageError: as :class:`Settings`; names the variable where the value is from one.
     """
     variables = {field.name: PREFIX + field.name.upper() for field in fields(Settings)}
-    named = {name: environment[variable] for name, variable in variables.items() if variable in environment}
+    named = {name: value for name, one in variables.items() if (value := variable(one, environment)) is not None}
     given = {name: value for name, value in flags.items() if value is not None}
     try:
         return Settings(**{**named, **given})

@@ -5,7 +5,6 @@ the scene itself where Blender is; those for engines are made in ``service.kits.
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from typing import Any
 
 from service.archive.container import ArchiveFile
 from service.errors import OutputFault, UsageError
+from service.machine import variable
 
 SCRIPT = Path(__file__).resolve().parent.parent / "data" / "kits" / "blender_scene.txt"
 """The script; not named .py, as it runs in Blender and not here."""
@@ -42,7 +42,7 @@ def blender() -> list[str] | None:
 
     ``AVATARME_BLENDER`` comes first, then ``blender`` of the path, then the module bpy of this Python.
     """
-    named = os.environ.get(VARIABLE) or shutil.which("blender")
+    named = variable(VARIABLE) or shutil.which("blender")
     if named:
         python = Path(named).name.startswith("python")
         return [named] if python else [named, "--background", "--factory-startup", "--python"]

@@ -3,7 +3,7 @@
 A file is of one network, version of OpenVINO, processor and setting, and begins with the sha256 of what follows. One
 that is cut off or changed is thrown away, and the network is compiled as if there had been none; so is the folder safe
 to delete at any time, also while programs run. ``AVATARME_CACHE`` names another folder than ``~/.cache/avatarme``;
-where it is empty nothing is kept.
+where it is ``none`` nothing is kept.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from service import diagnosis
+from service.machine import variable
 
 VARIABLE = "AVATARME_CACHE"
 MOST = 24
@@ -27,10 +28,10 @@ _DIGEST = 32
 
 def folder() -> Path | None:
     """Where compiled networks are kept, whether it is there or not; None where the user wants none."""
-    named = os.environ.get(VARIABLE)
-    if named == "":
+    named = variable(VARIABLE)
+    if named == "none":
         return None
-    usual = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    usual = variable("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     return (Path(named) if named else Path(usual) / "avatarme") / "networks"
 
 

@@ -49,6 +49,16 @@ def test_the_address_may_come_from_the_environment(
     assert len(fake.requests("POST")) == 1
 
 
+def test_empty_variables_count_as_none(
+    capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AVATARME_API_KEY", "")
+    fake.stages.clear()
+    status, _, err = run(capsys, folder, tmp_path / "out", "--server", fake.url)
+    assert status == 0, err
+    assert "Authorization" not in fake.requests("POST")[0].headers
+
+
 def test_a_server_that_refuses_the_key_is_named(
     capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path
 ) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -8,7 +9,7 @@ import pytest
 
 from service.errors import UsageError
 from service.jobs.runner import Runner
-from service.jobs.settings import Settings, from_environment, from_json
+from service.jobs.settings import PREFIX, Settings, from_environment, from_json
 from service.jobs.workflow import of_jobs
 
 
@@ -16,6 +17,11 @@ def test_a_flag_beats_the_environment_and_that_the_default() -> None:
     environment = {"AVATARME_PORT": "9000", "AVATARME_RESULT_HOURS": "1.5", "AVATARME_DATA": "here"}
     settings = from_environment({"port": 9100, "jobs": None}, environment)
     assert (settings.port, settings.result_hours, settings.data, settings.jobs) == (9100, 1.5, Path("here"), 1)
+
+
+def test_an_empty_variable_counts_as_none() -> None:
+    """Would break: ``AVATARME_PORT: "${PORT:-}"`` in a compose file, where nobody has set PORT."""
+    assert from_environment({}, {PREFIX + field.name.upper(): "" for field in fields(Settings)}) == Settings()
 
 
 def test_settings_reach_another_process_unchanged() -> None:

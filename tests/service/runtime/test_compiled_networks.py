@@ -37,7 +37,7 @@ def test_only_the_latest_are_kept_and_none_where_none_are_wanted(cache: Path, mo
     for number in range(compiled_networks.MOST + 3):
         compiled_networks.write(compiled_networks.place(f"n{number}", b"", "1", {}), b"x")
     assert compiled_networks.kept()[0] == compiled_networks.MOST
-    monkeypatch.setenv(compiled_networks.VARIABLE, "")
+    monkeypatch.setenv(compiled_networks.VARIABLE, "none")
     assert compiled_networks.folder() is None
     assert compiled_networks.place("psi", b"", "1", {}) is None
 
