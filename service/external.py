@@ -20,7 +20,6 @@ import numpy as np
 
 from service.archive.avatar import Avatar, model_cards
 from service.arrays import Float32, Float64, Int64, UInt8
-from service.diagnosis import peak_rss_mb
 from service.errors import BadAspect, BadMesh, NumericFault, UsageError
 from service.face.finder import Face
 from service.face.fit.fit import Fit
@@ -243,7 +242,6 @@ def make_external(
         surface=surface_maps(head, vertices, reflectance, options.maps, options.map_size),
         given=Given(sha256(texture).hexdigest(), sha256(mesh).hexdigest(), *image.size),
         timings_s=timings,
-        peak_rss_mb=peak_rss_mb(),
     )
 
 

@@ -434,9 +434,9 @@ class Manifest(_Strict):
     effects: list[str]
     """Effects that the previews simulate."""
     timings_s: dict[str, float] | None
-    """Seconds per stage; null unless requested, because they differ from run to run."""
+    """Seconds per stage; always null, because they differ from run to run."""
     peak_rss_mb: float | None
-    """Largest resident memory in MiB; null unless requested."""
+    """Largest resident memory in MiB; always null, likewise."""
     models: list[ModelEntry]
     warnings: list[str]
     """Stable codes of every stage; service/data/words.json has a sentence for each."""

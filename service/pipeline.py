@@ -34,7 +34,6 @@ from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo
 from service.archive.avatar import Avatar, Drawn, Shapes, Source, model_cards
 from service.archive.pack import draw, draw_shapes
 from service.budget import within_budget
-from service.diagnosis import peak_rss_mb
 from service.face.features.eye_colours import NAMED_IRISES
 from service.face.features.mouth import with_mouth_shut
 from service.face.finder import Face, choose_face
@@ -248,7 +247,6 @@ def make_avatar(
             drawn=None if drawn is None else drawn.result(),
             shapes=None if shapes is None else shapes.result(),
             timings_s=stage.timings,
-            peak_rss_mb=peak_rss_mb(),
         )
 
 

@@ -107,7 +107,6 @@ class Avatar:
         warnings: stable codes of the run; :meth:`all_warnings` adds those of photo, face, fit and texture.
         drawn, shapes: what was drawn and written of it while its maps were made; None: nothing was.
         timings_s: seconds per stage; not written to the archive, see ``docs/archive.md``.
-        peak_rss_mb: largest resident memory in MiB, likewise.
     """
 
     photo: Photo
@@ -131,7 +130,6 @@ class Avatar:
     drawn: Drawn | None = None
     shapes: Shapes | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
-    peak_rss_mb: float | None = None
 
     def all_warnings(self) -> tuple[WarningCode, ...]:
         """Warnings of every stage in the order of the pipeline, each once."""

@@ -17,6 +17,7 @@ import typer
 from service.ahead import FaceNetworks
 from service.cli.files import check_paths, expect_output, head_file, progress_bar, tell_result
 from service.cli.flags import AVATAR, MAPS, Head, Json, asked, with_flags
+from service.diagnosis import peak_rss_mb
 from service.errors import AvatarError, UsageError
 from service.options import Options
 from service.photo.gate import expect_photo
@@ -119,7 +120,7 @@ def run_facts(avatar: Avatar, target: str, seconds: float) -> dict[str, Any]:
         "options": dict(avatar.options),
         "warnings": list(avatar.all_warnings()),
         "timings_s": dict(avatar.timings_s),
-        "peak_rss_mb": avatar.peak_rss_mb,
+        "peak_rss_mb": peak_rss_mb(),
     }
 
 

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from service import GENERATOR, pipeline
 from service.ahead import FaceNetworks
 from service.archive.pack import write_archive
-from service.diagnosis import DATA, SUMS
+from service.diagnosis import DATA, SUMS, peak_rss_mb
 from service.errors import CorruptImage
 from service.jobs.artifacts import Artifacts
 from service.jobs.process import Reporter, Task
@@ -60,7 +60,7 @@ def run(task: Task, reporter: Reporter) -> None:
             "bytes": output.stat().st_size,
             "warnings": list(avatar.all_warnings()),
             "timings": {name: round(seconds, 4) for name, seconds in avatar.timings_s.items()},
-            "peak_rss_mb": avatar.peak_rss_mb,
+            "peak_rss_mb": peak_rss_mb(),
         }
     )
 

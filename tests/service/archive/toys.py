@@ -76,7 +76,6 @@ def toy_avatar(**changes: Any) -> Avatar:
         "models": (ModelEntry("toy sphere", "cd" * 32, "CC0-1.0", "head model"),),
         "similarity": IdentitySimilarity(0.4, 0.6, {"centred_cosine_mean": 0.0, "centred_cosine_p95": 0.3}),
         "timings_s": {"decode": 0.1},
-        "peak_rss_mb": 321.0,
     }
     return Avatar(**(values | changes))
 

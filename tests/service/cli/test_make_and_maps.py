@@ -64,7 +64,6 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[bytes], Options]]:
             left_out=tuple(LeftOut(hashlib.sha256(one).hexdigest(), "strangers", "another person") for one in data[2:]),
             all_warnings=lambda: ("no-colour",),
             timings_s={"fit": 0.1},
-            peak_rss_mb=100.0,
         )
 
     def write_archive(avatar: object, target: Any) -> None:
@@ -99,6 +98,15 @@ def test_several_photos_are_one_avatar_and_those_left_out_are_named(
     assert (status, out) == (0, f"{photo.with_name('me.zip')}\n")
     assert [len(data) for data, _ in asked] == [3] and asked[0][1].leave_out == "strangers"
     assert f"{others[1]} is left out: another person" in err
+
+
+@pytest.mark.usefixtures("asked")
+def test_memory_is_told_after_the_archive_is_written(run: Run, photo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Would break: a photo whose writing takes more memory than its making is put on a machine that is too small."""
+    target = photo.with_name("me.zip")
+    monkeypatch.setattr("service.cli.make_and_maps.peak_rss_mb", lambda: 900.0 if target.exists() else 500.0)
+    _, out, _ = run("make", str(photo), "-o", str(target), "--json")
+    assert json.loads(out)["peak_rss_mb"] == 900
 
 
 def test_a_fault_of_one_of_several_photos_has_the_name_of_its_file(
