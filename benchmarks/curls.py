@@ -16,12 +16,12 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.hair_reading import Eyes
+from benchmarks.hair_reading import Eyes, likeliest
 from models.people.shards import UNKNOWN
 from models.tables import tell
 from models.training.hair_data import CURL, LENGTH, crop_of_person, read_people
 from service.hair.kinds import CURLS, KINDS, LENGTHS
-from service.hair.reading import CELLS, FINE, SIDE, HairNetwork, agreement, with_curls
+from service.hair.reading import SIDE, HairNetwork, agreement, with_curls
 from service.photo.gate import read_photo
 
 MARK = ("<!-- curls -->", "<!-- /curls -->")
@@ -40,11 +40,11 @@ def measured(folder: Path) -> Iterator[Told]:
                 continue
             region, picture = crop_of_person(people, i, None)
             said = network(region.cut(picture, SIDE))
-            agrees = agreement(region.cut(picture, FINE * CELLS), said.mask > 0.7)
+            agrees = agreement(picture, region, said.mask)
             if agrees is None:
                 continue
             plain, both = said.kinds["curl"], with_curls(said.kinds, agrees)["curl"]
-            yield CURLS[kinds[CURL]], agrees, max(plain, key=lambda c: plain[c]), max(both, key=lambda c: both[c])
+            yield CURLS[kinds[CURL]], agrees, likeliest(plain)[0], likeliest(both)[0]
 
 
 def of_photos(folder: Path, table: Path) -> Iterator[Told]:
@@ -58,10 +58,10 @@ def of_photos(folder: Path, table: Path) -> Iterator[Told]:
         if read is None:
             continue
         found, _ = read
-        agrees = agreement(found.region.cut(pixels, FINE * CELLS), (found.mask > 0.7) & (found.known > 0.7))
+        agrees = agreement(pixels, found.region, np.minimum(found.mask, found.known))
         if agrees is not None:
             plain = eyes.hair(found.region.cut(pixels, SIDE)).kinds["curl"]
-            yield row["curl"], agrees, max(plain, key=lambda c: plain[c]), found.likeliest("curl")[0]
+            yield row["curl"], agrees, likeliest(plain)[0], likeliest(found.kinds["curl"])[0]
 
 
 def main(

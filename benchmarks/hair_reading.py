@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -113,6 +114,11 @@ class Eyes:
         return found, own
 
 
+def likeliest(chances: Mapping[str, float]) -> tuple[str, float]:
+    """The likeliest of some choices, and its probability."""
+    return max(chances.items(), key=lambda item: item[1])
+
+
 def compare(tally: Tally, portrait: Portrait, found: HairReading, own: Float32, kinds: dict[str, str]) -> None:
     """Take in one portrait."""
     size = CELLS
@@ -144,7 +150,7 @@ def compare(tally: Tally, portrait: Portrait, found: HairReading, own: Float32, 
     tally.sure.append(chance)
     for kind, name in kinds.items():
         if name and not (kind == "curl" and kinds["length"] == "cropped"):
-            tally.right[kind].append(found.likeliest(kind)[0] == name)
+            tally.right[kind].append(likeliest(found.kinds[kind])[0] == name)
 
 
 def of_portraits(data: Path, most: int, eyes: Eyes, mesh: str = "") -> dict[str, Tally]:
@@ -191,7 +197,7 @@ def of_photos(photos: Path, table: Path, eyes: Eyes) -> str:
             told = []
             for kind, name in asked.items():
                 if name:
-                    choice, p = found.likeliest(kind)
+                    choice, p = likeliest(found.kinds[kind])
                     right[kind].append(choice == name)
                     told.append(f"{kind} {choice} {p:.2f}" + ("" if choice == name else f" (is {name})"))
             ends = f"ends {found.ends_m[0]:.3f}+-{found.ends_m[1]:.3f} ({length_of(found.ends_m[0])})"

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from service.arrays import Bool, Float32, Float64, UInt8
+from service.arrays import Float32, Float64, UInt8
 from service.errors import NumericFault
 from service.face.reading import reader
 from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, OTHER, SKIN
@@ -65,10 +65,6 @@ class HairReading:
     def cells(self) -> Float64:
         """(H * W, 2) photo pixels of the middles of the cells, row by row."""
         return middles(self.region, CELLS)
-
-    def likeliest(self, kind: str) -> tuple[str, float]:
-        """The likeliest choice of one of ``service.hair.kinds.KINDS``, and its probability."""
-        return max(self.kinds[kind].items(), key=lambda item: item[1])
 
 
 def region_of(reading: Reading) -> Region:
@@ -167,7 +163,7 @@ def read_hair(pixels: UInt8, reading: Reading, network: HairNetwork | None = Non
         log.warning("the hair is not read: %s", fault)
         return None
     mask = together(said.mask, parts) * inside
-    agrees = agreement(region.cut(pixels, FINE * CELLS), (mask > 0.7) & (known > 0.7))
+    agrees = agreement(pixels, region, np.minimum(mask, known))
     return HairReading(
         region, mask, known, np.asarray(parts[..., BACKGROUND], np.float32), said.direction,
         np.asarray(said.certainty * mask, np.float32), with_curls(said.kinds, agrees), said.ends_m,
@@ -181,6 +177,8 @@ LOCK, AROUND = 1.5, 12.5
 compared, 16 mm: some turns of a curl."""
 LEAST_CELLS = 400
 """Cells of hair, 60 square centimetres, below which it tells nothing of curls."""
+SURE = 0.7
+"""Probability of hair from which on a cell tells of curls."""
 AGREES = {"straight": (0.84, 0.08), "wavy": (0.74, 0.09), "curly": (0.5, 0.1), "coily": (0.5, 0.1)}
 """Mean and standard deviation of the agreement in photos of loose hair that hangs to the jaw or lower
 (``python -m benchmarks.curls``); of drawn people straight hair is as wavy hair is here."""
@@ -189,17 +187,19 @@ LEAST_TOLD, TRUSTED = 0.02, 0.5
 probabilities: of photos it is surer than it is right."""
 
 
-def agreement(crop: UInt8, hair: Bool) -> float | None:
+def agreement(pixels: UInt8, region: Region, hair: Float32) -> float | None:
     """How much the strands of hair that lie beside each other run the same way, in [0, 1]; None with too little hair.
 
     A curl turns within a centimetre, which the eye sees in any photo, and the structure tensor does (Foerstner and
     Guelch 1987); the network was taught on drawn curls, and calls those of photos wavy.
 
     Args:
-        crop: (3 C, 3 C, 3) uint8 sRGB, the square of the hair.
-        hair: (C, C) its cells that show hair.
+        pixels: (H, W, 3) uint8 sRGB, the photo.
+        region: the square of the hair.
+        hair: (C, C) in [0, 1], probability that a cell shows hair.
     """
-    whole = cv2.erode(hair.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
+    crop = region.cut(pixels, FINE * CELLS)
+    whole = cv2.erode((hair > SURE).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
     if int(whole.sum()) < LEAST_CELLS:
         return None
     mask = np.kron(whole, np.ones((FINE, FINE), np.float32))

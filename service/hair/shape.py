@@ -163,9 +163,13 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     on_head = np.isfinite(sight.behind)[cell]
     beyond = seen & _without_hair(sight)[cell] & (on_head | (skin.outside(strands) > NEAR_SKIN_M))
     # What grows on a nape that is not seen is no stub.
-    height = np.maximum(_ends(strands, sight), _bust(strands, sight)) + rng.normal(0, 0.006, len(strands))
-    _, shown = sight.visible(*sight.project(strands[:, 0]))
-    height = np.where(shown, height, np.minimum(height, strands[:, 0, 1] - NAPE_LEFT_M))
+    tells = seen & (sight.known[cell] > 0.5)
+    ends = max(
+        _ends(strands[tells][:, 1], blurred(sight.hair, 0.7)[cell][tells]),
+        _bust(strands[..., 1], tells & (sight.hair[cell] > 0.5)),
+    )
+    height = ends + rng.normal(0, 0.006, len(strands))
+    height = np.where(seen[:, 0], height, np.minimum(height, strands[:, 0, 1] - NAPE_LEFT_M))
     beyond |= (strands[..., 1] < height[:, None]) & (strands[..., 1] < HANGS_BELOW_M)
     cut = beyond.any(1)
     # By length: strands that were moved have their points farther apart in some places than in others.
@@ -179,29 +183,29 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     return made, np.asarray(kept)
 
 
-def _ends(strands: Float32, sight: Sight) -> float:
-    """Height at which the photo's hanging hair ends; minus infinity where it does not tell."""
-    hanging = strands[strands[..., 1] < HANGS_BELOW_M]
-    cell, seen = sight.visible(*sight.project(hanging))
-    tells = seen & (sight.known[cell] > 0.5)
-    step = np.floor((HANGS_BELOW_M - hanging[tells, 1]) / STEP_M).astype(int)
+def _ends(height: Float32, hair: Float32) -> float:
+    """Height at which the photo's hanging hair ends; minus infinity where it does not tell.
+
+    Of (N,) heights of places of which it tells, and the (N,) hair in [0, 1] that it shows there.
+    """
+    hangs = height < HANGS_BELOW_M
+    step = np.floor((HANGS_BELOW_M - height[hangs]) / STEP_M).astype(int)
     count = np.bincount(step)
-    shown = np.bincount(step, np.minimum(2 * blurred(sight.hair, 0.7)[cell][tells], 1))
+    shown = np.bincount(step, np.minimum(2 * hair[hangs], 1))
     share = np.where(count >= 30, shown / np.maximum(count, 1), np.nan)
     told = np.flatnonzero(~np.isnan(share))
     gone = [k for k in told if (share[told[told >= k]] < GONE).all()]
     return float(HANGS_BELOW_M - STEP_M * gone[0]) if gone else -np.inf
 
 
-def _bust(strands: Float32, sight: Sight) -> float:
+def _bust(height: Float32, shown: Bool) -> float:
     """Height at which hair ends of which the photo shows nothing so low; minus infinity where it does.
 
-    How long it is, nobody knows; below the bust it would hang in the air.
+    How long it is, nobody knows; below the bust it would hang in the air. Of (N, P) heights of strands, and where the
+    photo shows hair.
     """
-    low = strands[strands[..., 1] < BUST_M]
-    cell, seen = sight.visible(*sight.project(low))
-    shown = seen & (sight.known[cell] > 0.5) & (sight.hair[cell] > 0.5)
-    return -np.inf if shown.sum() > LEAST_LOW * len(low) else BUST_M
+    low = height < BUST_M
+    return -np.inf if shown[low].sum() > LEAST_LOW * low.sum() else BUST_M
 
 
 FILLINGS = 2
