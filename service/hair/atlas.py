@@ -24,7 +24,9 @@ COLUMNS, LINES = 16, 4
 STRIPS = 8
 """Single hairs in one cell."""
 BODY, DENSE = 55, 6
-"""Cells of ribbons, and of what closes the slits below them."""
+"""Cells of ribbons, the first ones, and after them those of what closes the slits below them."""
+CAP_CELL, SINGLE = BODY + DENSE, COLUMNS * LINES
+"""Cell of the scalp, and the first of ``2 * STRIPS`` strips of cells with single hairs, numbered on."""
 MARGIN = 0.03
 """Of a cell's width and, a quarter of it, of its height: nothing is drawn there, so that neighbours do not bleed in."""
 SUBTEXELS = 4
@@ -41,41 +43,19 @@ TILT = 0.3
 """Standard deviation of the slope by which strands are turned about themselves."""
 
 
-@dataclass(frozen=True)
-class Cells:
-    """Numbers of cells by what they show; single hairs have strips of cells, numbered on.
-
-    Attributes:
-        body, dense, single: of ribbons, inner ribbons, single hairs.
-        cap: of the scalp.
-    """
-
-    body: Int64
-    dense: Int64
-    single: Int64
-    cap: Int64
-
-    @classmethod
-    def layout(cls) -> Cells:
-        """The one layout."""
-        count = COLUMNS * LINES
-        strips = count + np.arange(2 * STRIPS)
-        return cls(np.arange(BODY), np.arange(BODY, BODY + DENSE), strips, np.array(BODY + DENSE))
-
-
 def cell_corners(cell: AnyInt) -> tuple[Float32, Float32]:
     """Lower left and upper right texture coordinates (..., 2) of cells, without their margins.
 
     The last two cells hold the strips of single hairs.
     """
-    count = COLUMNS * LINES
-    strip = np.maximum(np.asarray(cell) - count, 0)
-    at = np.where(np.asarray(cell) < count, cell, count - 2 + strip // STRIPS)
+    cell = np.asarray(cell)
+    strip = np.maximum(cell - SINGLE, 0)
+    at = np.where(cell < SINGLE, cell, SINGLE - 2 + strip // STRIPS)
     size = np.array([1 / COLUMNS, 1 / LINES])
     low = np.stack([at % COLUMNS, LINES - 1 - at // COLUMNS], -1) * size
-    wide = np.where(np.asarray(cell)[..., None] < count, size, size / [STRIPS, 1])
-    low = low + np.where(np.asarray(cell) < count, 0, strip % STRIPS / STRIPS * size[0])[..., None] * [1, 0]
-    inset = MARGIN * np.array([1, 0.25]) * np.where(np.asarray(cell)[..., None] < count, 1, [1, 1]) * wide
+    wide = np.where(cell[..., None] < SINGLE, size, size / [STRIPS, 1])
+    low = low + (strip % STRIPS / STRIPS * size[0])[..., None] * [1, 0]
+    inset = MARGIN * np.array([1, 0.25]) * wide
     return (low + inset).astype(np.float32), (low + wide - inset).astype(np.float32)
 
 
@@ -176,12 +156,11 @@ class Atlas:
     strands: UInt8
 
 
-def draw_atlas(strokes: Strokes, cells: Cells, side: int, roots: Float32, rng: np.random.Generator) -> Atlas:
+def draw_atlas(strokes: Strokes, side: int, roots: Float32, rng: np.random.Generator) -> Atlas:
     """Draw strands.
 
     Args:
         strokes: what is drawn.
-        cells: where the cap lies.
         side: texels, a power of two.
         roots: (3,) linear RGB of the cap.
         rng: turns strands about themselves.
@@ -212,7 +191,7 @@ def draw_atlas(strokes: Strokes, cells: Cells, side: int, roots: Float32, rng: n
     bent = np.minimum((t * places).astype(int).clip(0), places - 1)
     run = (strokes.way[stroke, bent + 1] - strokes.way[stroke, bent]) * places * strokes.slope[stroke]
     size = np.sqrt(1 + run * run)
-    _paint_cap(pixels, cells, linear_to_srgb(roots), rng)
+    _paint_cap(pixels, linear_to_srgb(roots), rng)
 
     def averaged(values: Float32, step: int, usual: Float32) -> Float32:
         """Unit vectors of what is shown, as means over ``step`` texels of a side; ``usual`` where nothing is."""
@@ -285,10 +264,10 @@ def _nearest(shown: np.ndarray) -> Int64:
     return np.asarray(number[label])
 
 
-def _paint_cap(pixels: UInt8, cells: Cells, colour: Float32, rng: np.random.Generator) -> None:
+def _paint_cap(pixels: UInt8, colour: Float32, rng: np.random.Generator) -> None:
     """Roots as dots, denser from the cell's low end, where none grow, to its high end."""
     width, height = len(pixels) // COLUMNS, len(pixels) // LINES
-    left, top = int(cells.cap) % COLUMNS * width, int(cells.cap) // COLUMNS * height
+    left, top = CAP_CELL % COLUMNS * width, CAP_CELL // COLUMNS * height
     right, bottom = left + width, top + height
     share = np.clip(np.linspace(1, 0, bottom - top), 0, 1)[:, None] ** 1.4
     grain = cv2.GaussianBlur(rng.random((bottom - top, right - left)).astype(np.float32), (3, 3), 0.8)

@@ -13,7 +13,7 @@ What a ribbon cannot follow, curls above all, its texture shows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -22,7 +22,7 @@ import numpy as np
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, Int64
 from service.geometry.mesh import face_normals, unit
 from service.geometry.nearest import Nearest
-from service.hair.atlas import SAMPLES, Atlas, Cells, Strokes, cell_corners, draw_atlas
+from service.hair.atlas import BODY, CAP_CELL, DENSE, SAMPLES, SINGLE, STRIPS, Atlas, Strokes, cell_corners, draw_atlas
 from service.hair.groom import Groom
 from service.hair.scalp import CELL_M, LOW, Field, Scalp, length_of
 from service.hair.style import WAVES
@@ -119,7 +119,7 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     if not len(groom):
         return ()
     rng = np.random.default_rng([seed, 0xCA4D])
-    body = Body.of(groom.strands, scalp)
+    body = body_of(groom.strands, scalp)
     colours = groom.colour.linear(TINTS)
     edge = on_hairline(groom.strands[:, 0])
     cap = _cap(groom, scalp)
@@ -133,9 +133,9 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     inner = inner.backing(body, scalp, inner.holding(edge))
     hairs = _single_hairs(groom, edge, hair_at, wanted["single"], body, rng)
     front = ribbons.holding(edge)
-    strokes, cells, of_ribbon, of_inner, of_hair = _drawn(groom, colours, ribbons, front, inner, hairs, rng)
-    atlas = draw_atlas(strokes, cells, budget.atlas, colours[:, 0].mean(0), rng)
-    return _parts(ribbons, inner, hairs, cap, (of_ribbon, of_inner, of_hair), atlas, body)
+    strokes, *of = _drawn(groom, colours, ribbons, front, inner, hairs, rng)
+    atlas = draw_atlas(strokes, budget.atlas, colours[:, 0].mean(0), rng)
+    return _parts(ribbons, inner, hairs, cap, of, atlas, body)
 
 
 def _rows(length: float, strands: int, triangles: int) -> int:
@@ -143,35 +143,20 @@ def _rows(length: float, strands: int, triangles: int) -> int:
     return int(np.clip(np.ceil(max(length / ROW_M, triangles / strands)), *ROWS))
 
 
-@dataclass(frozen=True)
-class Body:
-    """The body of hair: which way is out of it.
-
-    Attributes:
-        filled: blurred share of cells on the scalp's grid that hair or the head fills.
-    """
-
-    filled: Field
-
-    @classmethod
-    def of(cls, strands: Float32, scalp: Scalp) -> Body:
-        """Of strands (N, P, 3) on a head."""
-        distance = scalp.distance.values
-        shape = distance.shape
-        cell = np.rint((strands.reshape(-1, 3) - np.array(LOW, np.float32)) / np.float32(CELL_M)).astype(np.int64)
-        cell = np.clip(cell, 0, np.array(shape) - 1)
-        count = np.bincount(np.ravel_multi_index(tuple(cell.T), shape), minlength=int(np.prod(shape))).reshape(shape)
-        usual = max(float(np.median(count[count > 0])), 1.0)
-        solid = np.where(distance < 0, 1.0, 1 - np.exp(-count / usual))
-        for _ in shape:  # along the first axis, which then becomes the last
-            flat = solid.reshape(len(solid), -1).astype(np.float32)
-            soft = cv2.GaussianBlur(flat, (1, 17), 0, sigmaY=2.0, borderType=cv2.BORDER_REPLICATE)
-            solid = np.moveaxis(soft.reshape(solid.shape), 0, -1)
-        return cls(Field(np.ascontiguousarray(solid)))
-
-    def outwards(self, points: Float32) -> Float32:
-        """(..., 3) float32 unit vectors from points (..., 3), metres, to where there is less hair."""
-        return unit(-self.filled.slope(points))
+def body_of(strands: Float32, scalp: Scalp) -> Field:
+    """Blurred share of cells on the scalp's grid that hair (N, P, 3) or the head fills: downhill is out of the hair."""
+    distance = scalp.distance.values
+    shape = distance.shape
+    cell = np.rint((strands.reshape(-1, 3) - np.array(LOW, np.float32)) / np.float32(CELL_M)).astype(np.int64)
+    cell = np.clip(cell, 0, np.array(shape) - 1)
+    count = np.bincount(np.ravel_multi_index(tuple(cell.T), shape), minlength=int(np.prod(shape))).reshape(shape)
+    usual = max(float(np.median(count[count > 0])), 1.0)
+    solid = np.where(distance < 0, 1.0, 1 - np.exp(-count / usual))
+    for _ in shape:  # along the first axis, which then becomes the last
+        flat = solid.reshape(len(solid), -1).astype(np.float32)
+        soft = cv2.GaussianBlur(flat, (1, 17), 0, sigmaY=2.0, borderType=cv2.BORDER_REPLICATE)
+        solid = np.moveaxis(soft.reshape(solid.shape), 0, -1)
+    return Field(np.ascontiguousarray(solid))
 
 
 @dataclass(frozen=True)
@@ -194,7 +179,7 @@ class Ribbons:
 
     @classmethod
     def along(
-        cls, strands: Float32, at: Float64, count: int, body: Body, scalp: Scalp, rng: np.random.Generator
+        cls, strands: Float32, at: Float64, count: int, body: Field, scalp: Scalp, rng: np.random.Generator
     ) -> Ribbons:
         """At most ``count`` ribbons with rows ``at`` (S + 1,) along the bundles of strands (N, P, 3)."""
         coarse = np.einsum("rp,npc->nrc", _window(strands.shape[1], np.linspace(0, 1, 8)), strands)
@@ -214,7 +199,7 @@ class Ribbons:
         line[:, 0] -= first * (reach + BEFORE_M * ~on_hairline(line[:, 0])[:, None])
         line[:, 1:] = scalp.over_ears.pushed(line[:, 1:], OFF_M, 2 * OFF_M)
         line[:, 0] -= (scalp.outside(line[:, 0]) - 2 * CAP_M)[:, None] * scalp.outwards(line[:, 0])
-        across = facing(line, body.outwards(line), rng)
+        across = facing(line, unit(-body.slope(line)), rng)
         offset = ((own - line[label]) * across[label]).sum(2)
         squares = _means(label, offset[..., None] ** 2, len(number))[..., 0]
         usual = np.average(squares, axis=0, weights=number)
@@ -228,7 +213,7 @@ class Ribbons:
         """(K,) whether any of the chosen strands (N,) is among a ribbon's."""
         return np.asarray(np.bincount(self.label, chosen, len(self.line)) > 0)
 
-    def backing(self, body: Body, scalp: Scalp, front: Bool) -> Ribbons:
+    def backing(self, body: Field, scalp: Scalp, front: Bool) -> Ribbons:
         """These ribbons as an inner layer: wider, a little deeper, but out of the head, and behind the hairline: those
         that begin there are ``front`` (K,).
         """
@@ -238,7 +223,7 @@ class Ribbons:
         low, own = np.minimum(at.astype(int), rows - 1), np.arange(len(at))[:, None]
         part = (at - low)[..., None].astype(np.float32)
         line = self.line[own, low] * (1 - part) + self.line[own, low + 1] * part
-        line = line - np.float32(INNER_M) * body.outwards(line)
+        line = line - np.float32(INNER_M) * unit(-body.slope(line))
         line[:, 1:] = scalp.pushed(line[:, 1:], 0.0009, 2 * INNER_M)
         return Ribbons(line, self.across, np.minimum(1.35 * self.half, WIDEST_M), self.label, self.at)
 
@@ -349,7 +334,7 @@ def _between(lines: Float32, at: AnyFloat) -> Float32:
     return np.asarray(lines[:, low] * (1 - part) + lines[:, np.minimum(low + 1, lines.shape[1] - 1)] * part, np.float32)
 
 
-def _single_hairs(groom: Groom, edge: Bool, at: Float64, budget: int, body: Body, rng: np.random.Generator) -> Ribbons:
+def _single_hairs(groom: Groom, edge: Bool, at: Float64, budget: int, body: Field, rng: np.random.Generator) -> Ribbons:
     """Narrow ribbons along strands: those of the hairline several times, and some of what is seen of the rest."""
     most = max(budget // (2 * (len(at) - 1)), 1)
     own = np.flatnonzero(edge)
@@ -359,10 +344,10 @@ def _single_hairs(groom: Groom, edge: Bool, at: Float64, budget: int, body: Body
     chosen = np.concatenate([chosen, rest])
     line = np.einsum("rp,npc->nrc", _window(groom.strands.shape[1], at), groom.strands[chosen])
     shift = rng.normal(0, 0.0009, (len(chosen), 1, 3)).astype(np.float32)
-    out = body.outwards(line[:, 0])[:, None]
+    out = unit(-body.slope(line[:, 0]))[:, None]
     shift -= out * (shift * out).sum(2, keepdims=True)
     line = line + shift * (1 + 0.8 * at).astype(np.float32)[None, :, None]
-    across = facing(line, body.outwards(line), rng)
+    across = facing(line, unit(-body.slope(line)), rng)
     half = np.full(line.shape[:2], HAIR_M, np.float32)
     return Ribbons(np.asarray(line, np.float32), across, half, chosen.astype(np.int64), at)
 
@@ -370,14 +355,13 @@ def _single_hairs(groom: Groom, edge: Bool, at: Float64, budget: int, body: Body
 def _drawn(
     groom: Groom, colours: Float32, ribbons: Ribbons, front: Bool, inner: Ribbons, hairs: Ribbons,
     rng: np.random.Generator,
-) -> tuple[Strokes, Cells, Int64, Int64, Int64]:  # fmt: skip
+) -> tuple[Strokes, Int64, Int64, Int64]:  # fmt: skip
     """What the atlas shows, and the cell of each ribbon, inner ribbon and single hair.
 
     Ribbons whose strands are alike in place, width and colour share a cell; it is drawn from the strands of the ribbon
     in the middle of them, and of those nearest to it. Those of the hairline, ``front`` (K,), have cells of their own,
     in which hairs begin one behind the other.
     """
-    cells = Cells.layout()
     offset, ends = ribbons.offsets(groom.strands), ribbons.ends(groom.strands)
     count = len(ribbons.line)
     way = _means(ribbons.label, offset, count)
@@ -389,7 +373,7 @@ def _drawn(
     wavy, tight = way.std(1, keepdims=True), spread.mean(1, keepdims=True)
     described = np.concatenate([2 * wavy, tight, 5.0 * tint, 0.5 * wide, 3.0 * even], 1).astype(np.float32)
     of_ribbon = np.zeros(count, np.int64)
-    for some, first, last in ((~front, 0, HAIRLINE), (front, HAIRLINE, len(cells.body))):
+    for some, first, last in ((~front, 0, HAIRLINE), (front, HAIRLINE, BODY)):
         if some.any():
             of_ribbon[some] = first + kmeans(described[some], last - first, 6, rng)
     made: list[Strokes] = []
@@ -402,22 +386,21 @@ def _drawn(
         shown = offset[strands], ends[strands], colours[strands]
         ragged = float(np.clip(RAGGED_M / max(size[1], 1e-6), *RAGGED))
         begins = min(SOFT_M / max(size[1], 1e-6), 0.5 if cell >= HAIRLINE else BEGINS)
-        made.append(Strokes.filling(cells.body[cell], *shown, size, 1.0, (begins, ragged), rng))
+        made.append(Strokes.filling(cell, *shown, size, 1.0, (begins, ragged), rng))
     # The inner ribbons and the single hairs differ in colour alone.
     places = _means(inner.label, tints, len(inner.line))
-    of_inner = kmeans(places, len(cells.dense), 5, rng)
-    for cell in range(int(of_inner.max()) + 1):
+    of_inner = BODY + kmeans(places, DENSE, 5, rng)
+    for cell in np.unique(of_inner):
         strands = np.flatnonzero(np.isin(inner.label, np.flatnonzero(of_inner == cell)))
         strands = rng.choice(strands, min(len(strands), 200), replace=False)
         size = float(2 * inner.half.mean()), float(inner.length.mean())
         shown = offset[strands], ends[strands], colours[strands]
-        made.append(Strokes.filling(cells.dense[cell], *shown, size, 2.6, (0.01, 0.12), rng))
-    of_hair = kmeans(tints[hairs.label], len(cells.single), 5, rng)
-    for cell in range(int(of_hair.max()) + 1):
+        made.append(Strokes.filling(cell, *shown, size, 2.6, (0.01, 0.12), rng))
+    of_hair = SINGLE + kmeans(tints[hairs.label], 2 * STRIPS, 5, rng)
+    for cell in np.unique(of_hair):
         strands = hairs.label[of_hair == cell]
-        made.append(Strokes.single(cells.single[cell], colours[rng.choice(strands, 3)], rng))
-    strokes = Strokes.joined(made)
-    return strokes, cells, cells.body[of_ribbon], cells.dense[of_inner], cells.single[of_hair]
+        made.append(Strokes.single(cell, colours[rng.choice(strands, 3)], rng))
+    return Strokes.joined(made), of_ribbon, of_inner, of_hair
 
 
 def _alike(groom: Groom, label: Int64, near: Int64) -> Int64:
@@ -450,7 +433,7 @@ def _cap(groom: Groom, scalp: Scalp) -> tuple[Float32, Float32, Float32, Int32]:
 
 def _parts(
     ribbons: Ribbons, inner: Ribbons, hairs: Ribbons, cap: tuple[Float32, Float32, Float32, Int32],
-    cells: tuple[Int64, Int64, Int64], atlas: Atlas, body: Body,
+    cells: Sequence[Int64], atlas: Atlas, body: Field,
 ) -> tuple[MeshPart, ...]:  # fmt: skip
     hair = Material(
         HAIR, colour_map=OwnMap(HAIR, atlas.colour), normal_map=OwnMap(f"{HAIR}_normal", atlas.normal),
@@ -465,7 +448,7 @@ def _parts(
     made = [_part(HAIR, body_mesh, hair), _part(EDGE, _mesh(hairs, of_hair, body), edge)]
     skin, upright, cover, triangles = cap
     if len(triangles):
-        low, high = cell_corners(Cells.layout().cap)
+        low, high = cell_corners(np.array(CAP_CELL))
         turn = np.arctan2(skin[:, 0], skin[:, 2] + 0.07)
         place = np.stack([low[0] + (high[0] - low[0]) * np.abs(turn) / np.pi, low[1] + (high[1] - low[1]) * cover], 1)
         # Skin with roots in it does not shine.
@@ -483,7 +466,7 @@ Mesh = tuple[Float32, Float32, Float32, Int32]
 """Vertices, normals, texture coordinates and triangles."""
 
 
-def _mesh(ribbons: Ribbons, cell: Int64, body: Body) -> Mesh:
+def _mesh(ribbons: Ribbons, cell: Int64, body: Field) -> Mesh:
     """Ribbons as triangles, from the skin outwards; root at the low end of a cell."""
     count, rows = ribbons.line.shape[0], ribbons.line.shape[1]
     side = ribbons.half[..., None] * ribbons.across
@@ -493,7 +476,7 @@ def _mesh(ribbons: Ribbons, cell: Int64, body: Body) -> Mesh:
     u = np.stack([low[:, 0], high[:, 0]], 1)[:, None].repeat(rows, 1)
     v = (low[:, 1:] + (high - low)[:, 1:] * along)[..., None].repeat(2, 2)
     quad = (2 * np.arange(rows - 1)[:, None, None] + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
-    order = np.argsort(body.filled.read(ribbons.line[:, rows // 2]), kind="stable")[::-1]
+    order = np.argsort(body.read(ribbons.line[:, rows // 2]), kind="stable")[::-1]
     faces = (2 * rows * order.astype(np.int32)[:, None, None] + quad[None]).reshape(-1, 3)
     normals = np.repeat(_lit(ribbons, body)[:, :, None], 2, 2)
     # A little of the ribbon's own roundness, so that bundles are told apart.
@@ -506,10 +489,10 @@ def _mesh(ribbons: Ribbons, cell: Int64, body: Body) -> Mesh:
     return points, normals, uv, np.ascontiguousarray(faces, np.int32)
 
 
-def _lit(ribbons: Ribbons, body: Body) -> Float32:
+def _lit(ribbons: Ribbons, body: Field) -> Float32:
     """(K, S + 1, 3) unit normals of the body of hair, upright on the strands."""
     along = unit(np.gradient(ribbons.line, axis=1))
-    out = body.outwards(ribbons.line)
+    out = unit(-body.slope(ribbons.line))
     upright = unit(np.cross(ribbons.across, along))
     # On ribbons that stand out of the body, like those of an afro, the body's normal is along the strand.
     return unit(out - 0.5 * along * (out * along).sum(2, keepdims=True) + 0.15 * upright)

@@ -21,7 +21,7 @@ from service.geometry.sampling import sample_at
 from service.hair.asked import NONE, AskedHair
 from service.hair.bank import UNLIKELY, Bank, Matches, kind_of, match, read_bank
 from service.hair.colour import KNOTS, SHINE, HairColour, as_absorbed, asked_colour
-from service.hair.groom import Groom, make_groom
+from service.hair.groom import make_groom
 from service.hair.guides import grow_several, grown
 from service.hair.kinds import GATHERED, KINDS, kinds_of
 from service.hair.reading import CELLS, FINE, HairNetwork, HairReading, read_hair
@@ -123,7 +123,8 @@ def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands:
         return WornHair(None, seen.without, kinds, np.zeros(0, np.float32), doubts=why)
     person = USUAL_SKIN if fit.cheek is None else np.asarray(srgb_to_linear(fit.cheek), np.float32)
     if seen.read is None or sight is None or matches is None:
-        style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
+        named = style_from_json(asked.style) if isinstance(asked.style, dict) else NAMED.get(asked.style, NAMED[UNREAD])
+        style = _longer(named, asked)
         doubts: tuple[WarningCode, ...] = () if asked.named else ("hair-unseen",)
     else:
         style = choose(read_bank(), matches, sight, skin, seed, seen.read, strands // STRANDS_A_TRIAL)
@@ -138,16 +139,16 @@ def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands:
     if matches is not None:
         doubts += ("hair-style-poor",) if agreement < POOR else ()
         doubts += ("hair-kind-doubtful",) if kinds.get(kind, 0.0) < DOUBTFUL else ()
-    worn = _coloured(WornHair(groom, kind, kinds, shown, agreement, doubts), photo, seen, person, asked, seed)
-    if matches is None or sight is None or worn.groom is None:
-        return worn
-    return replace(worn, groom=upright(worn.groom, sight, skin))
-
-
-def _asked_style(asked: AskedHair) -> Style | None:
-    if isinstance(asked.style, dict):
-        return style_from_json(asked.style)
-    return NAMED.get(asked.style)
+    if asked.colour != "auto":
+        colour = asked_colour(asked.colour, len(groom), seed)
+    else:
+        colour = painted(photo, seen.read, sight, groom.strands, shown, person, seed)
+    doubts += () if colour.measured else ("hair-colour-guessed",)
+    groom = replace(groom, colour=colour)
+    if matches is not None and sight is not None:
+        groom = upright(groom, sight, skin)
+    # What was asked for is under white light.
+    return WornHair(groom, kind, kinds, shown, agreement, doubts, in_photo_light=asked.colour == "auto")
 
 
 def _longer(style: Style, asked: AskedHair) -> Style:
@@ -165,21 +166,6 @@ def _on_scalp(sight: Sight, skin: Scalp) -> tuple[float, float]:
     facing = sight.facing(skin.even) > 0
     hair, known, shown = (float((one[cell] * (seen & facing)).sum()) for one in (sight.hair, sight.known, sight.shown))
     return hair / max(known, 1e-6), shown / max(float(facing.sum()), 1.0)
-
-
-def _coloured(
-    found: WornHair, photo: Photo, told: SeenHair, skin: Float32, asked: AskedHair, seed: int
-) -> WornHair:
-    """The same in the photo's colours, in the photo's light; what was asked for is under white light."""
-    groom: Groom | None = found.groom
-    if groom is None:
-        return found
-    if asked.colour != "auto":
-        colour = asked_colour(asked.colour, len(groom), seed)
-    else:
-        colour = painted(photo, told.read, told.sight, groom.strands, found.seen, skin, seed)
-    doubts = found.doubts + (() if colour.measured else ("hair-colour-guessed",))
-    return replace(found, groom=replace(groom, colour=colour), doubts=doubts, in_photo_light=asked.colour == "auto")
 
 
 PIXELS = FINE * CELLS

@@ -161,13 +161,13 @@ def _curled(style: Style, strands: Float32, lock: Int32, rng: np.random.Generato
     along = unit(np.gradient(strands, axis=1))
     across = unit(np.cross(along, np.array([0.13, 0.31, 0.94], np.float32)))
     deep = np.cross(along, across)
-    turn = rng.uniform(0, 2 * np.pi, int(lock.max()) + 1)[lock][:, None, None].astype(np.float32)
+    locks = int(lock.max()) + 1
+    turn = rng.uniform(0, 2 * np.pi, locks)[lock][:, None, None].astype(np.float32)
     across, deep = (
         np.asarray(np.cos(turn) * across + np.sin(turn) * deep, np.float32),
         np.asarray(np.cos(turn) * deep - np.sin(turn) * across, np.float32),
     )
     gone = gone_along(strands)
-    locks = int(lock.max()) + 1
     pitch = wave.pitch_mm / 1000 * np.exp(rng.normal(0, 0.12, locks))[lock]
     # No more turns than the points can draw.
     longest = np.maximum(gone[:, -1], 1e-6)

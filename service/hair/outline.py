@@ -23,6 +23,8 @@ STANDS = 0.5
 """Share of its length by which a strand is moved outwards at most."""
 SIDEWAYS_DEG = (140.0, 165.0)
 """Angle from upwards up to which outlines are matched, and from which on not at all: below lies the neck."""
+ANGLE_DEG = np.minimum(np.arange(RAYS), RAYS - np.arange(RAYS)) * (360 / RAYS)
+"""Of each ray from upwards."""
 TOP_DEG = 100.0
 """Angle from upwards up to which the outline is that of the skull's hair: the back is as full as it is there."""
 
@@ -53,10 +55,9 @@ def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
     direction = away / np.maximum(length, 1e-6)[..., None]
     flat = np.einsum("npk,ck->npc", direction * (own * share * loose)[..., None], np.linalg.inv(cells_per_m))
     # What a photo from the front does not tell, the back of the head, is as full as the sides.
-    top = np.abs(np.mod(np.arange(RAYS) * (360 / RAYS) + 180, 360) - 180) < TOP_DEG
     deep = depth - sight.project(CENTRE)[1]
     low = smoothstep(strands[..., 1], -0.11, 0.02)
-    behind = np.clip(deep / 0.1, 0, 1) ** 2 * loose * low * float(difference[top].mean()) / scale
+    behind = np.clip(deep / 0.1, 0, 1) ** 2 * loose * low * float(difference[ANGLE_DEG < TOP_DEG].mean()) / scale
     offset = np.einsum("npk,kc->npc", np.concatenate([flat, behind[..., None]], -1), sight.camera.rotation)
     return np.asarray(strands + offset, np.float32)
 
@@ -91,7 +92,8 @@ def _reaches(
     # Hair that goes on beyond the photo, or behind something, does not tell where it ends.
     beyond, rows = np.minimum(np.searchsorted(radii, ends[0] + 2.0), len(radii) - 1), np.arange(RAYS)
     sure = (sight.known[at] > 0.5)[rows, beyond] & inside[rows, beyond]
-    trust = sure * (ends[0] > 0) * (ends[1] > 0) * _sideways(rows)
+    sideways = np.clip((SIDEWAYS_DEG[1] - ANGLE_DEG) / (SIDEWAYS_DEG[1] - SIDEWAYS_DEG[0]), 0, 1)
+    trust = sure * (ends[0] > 0) * (ends[1] > 0) * sideways
     return ends[0], ends[1], np.asarray(trust, np.float64)
 
 
@@ -99,21 +101,13 @@ def _differences(centre: Float64, upwards: float, scale: float, mask: Float32, s
     """(RAYS,) cells by which the photo's hair reaches beyond the groom's, smoothed, and how far the groom's reaches."""
     hair, style, trust = _reaches(centre, upwards, scale, mask, sight)
     difference = np.clip(hair - style, -FARTHEST_M[0] * scale, FARTHEST_M[1] * scale)
-    rows = np.arange(RAYS)
-    apart = np.minimum(rows, RAYS - rows)
 
     def smoothed(rays: float, untold: Float64) -> Float64:
-        kernel = np.fft.rfft(np.exp(-0.5 * (apart / rays) ** 2))
+        kernel = np.fft.rfft(np.exp(-0.5 * (ANGLE_DEG * (RAYS / 360) / rays) ** 2))
         summed, weight = (np.fft.irfft(np.fft.rfft(row) * kernel, RAYS) for row in (trust * difference, trust))
         return np.asarray((summed + UNTOLD * untold) / (np.maximum(weight, 0) + UNTOLD))
 
     # What the photo's edge cuts off comes in as the outline beside it does: sides alone that did would leave a cone.
     inwards = np.minimum(smoothed(BESIDE_RAYS, np.zeros(RAYS)), 0)
-    beside = np.where(apart * (360 / RAYS) < TOP_DEG, inwards, 0.0)
+    beside = np.where(ANGLE_DEG < TOP_DEG, inwards, 0.0)
     return smoothed(SMOOTH_RAYS, beside), np.maximum(style, 1.0)
-
-
-def _sideways(rays: np.ndarray) -> Float64:
-    """Weight of a ray by its angle from upwards."""
-    angle = np.abs(np.mod(rays * (360.0 / RAYS) + 180.0, 360.0) - 180.0)
-    return np.asarray(np.clip((SIDEWAYS_DEG[1] - angle) / (SIDEWAYS_DEG[1] - SIDEWAYS_DEG[0]), 0, 1))

@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from models.hair.random_styles import sample_style
 from service.colour import bytes_to_linear
 from service.geometry.mesh import face_normals
-from service.hair.atlas import Cells, cell_corners
-from service.hair.cards import CAP_M, CUTOFF, HAIRLINE, PARTS, Body, Budget, hair_parts
+from service.hair.atlas import BODY, CAP_CELL, cell_corners
+from service.hair.cards import CAP_M, CUTOFF, HAIRLINE, PARTS, Budget, body_of, hair_parts
 from service.hair.colour import KNOTS, HairColour
 from service.hair.groom import Groom, make_groom
 from service.hair.scalp import mean_scalp
@@ -58,7 +58,7 @@ def test_faces_look_out_of_the_body_of_hair(made: tuple[Groom, tuple[MeshPart, .
     assert cards.normals is not None
     front = face_normals(cards.vertices, cards.faces)
     with_front = (front * cards.normals[cards.faces].mean(1)).sum(1) > 0
-    out = Body.of(groom.strands, mean_scalp()).outwards(cards.vertices[cards.faces].mean(1))
+    out = -body_of(groom.strands, mean_scalp()).slope(cards.vertices[cards.faces].mean(1))
     assert with_front.all()
     assert ((front * out).sum(1) > 0).mean() > 0.7
 
@@ -82,7 +82,7 @@ def test_ribbons_do_not_dip_into_the_head(made: tuple[Groom, tuple[MeshPart, ...
 
 def test_alpha_holds_in_mip_levels(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
     alpha = atlas(made[1])[..., 3].astype(np.float32) / 255
-    low, high = cell_corners(Cells.layout().dense[:1])
+    low, high = cell_corners(np.array([BODY]))
     small = cv2.resize(alpha, (len(alpha) // 8, len(alpha) // 8), interpolation=cv2.INTER_AREA)
     (u0, v0), (u1, v1) = low[0] * len(small), high[0] * len(small)
     middle = small[round(len(small) - v0 - 0.5 * (v1 - v0)), int(u0 + 0.5 * (u1 - u0))]
@@ -103,7 +103,7 @@ def test_hairs_of_the_hairline_begin_one_behind_the_other(made: tuple[Groom, tup
         return float(np.mean([alpha[a:b, left:right].mean()
                               for (a, b), (left, right) in zip(rows, columns, strict=True)]))  # fmt: skip
 
-    body = Cells.layout().body
+    body = np.arange(BODY)
     used = np.array([shown(body[k : k + 1], 0.0, 1.0) > 0 for k in range(len(body))])
     front, rest = body[HAIRLINE:][used[HAIRLINE:]], body[:HAIRLINE][used[:HAIRLINE]]
     assert len(front) and len(rest)
@@ -115,7 +115,7 @@ def test_hairs_of_the_hairline_begin_one_behind_the_other(made: tuple[Groom, tup
 
 def test_the_cap_is_closed_where_hair_is_full(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
     alpha = atlas(made[1])[..., 3]
-    low, high = cell_corners(Cells.layout().cap)
+    low, high = cell_corners(np.array(CAP_CELL))
     columns = slice(int(low[0] * len(alpha)) + 1, int(high[0] * len(alpha)))
     assert alpha[round((1 - float(high[1])) * len(alpha)), columns].min() > 220
     assert alpha[round((1 - float(low[1])) * len(alpha)) - 1, columns].max() < 20
