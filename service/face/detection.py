@@ -11,12 +11,12 @@ independent network.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float64, Int64, UInt8
+from service.arrays import AnyFloat, Float64, UInt8
 from service.face.region import Region, level_square, roll
 from service.runtime.sessions import load_session
 
@@ -161,17 +161,10 @@ MIDLINE = frozenset({*range(20), 94, 151, 152, 164, 168, 175, 195, 197, 199, 200
 """Landmarks that are their own mirror partners."""
 
 
-def mirror_partners() -> Int64:
-    """(468,) index of the mirror partner of each landmark: those of the two halves are numbered in the same order."""
-    partner = np.arange(LANDMARKS)
-    one = np.array([k for k in range(FIRST_LEFT) if k not in MIDLINE])
-    other = np.arange(FIRST_LEFT, LANDMARKS)
-    partner[one], partner[other] = other, one
-    return partner
-
-
-MIRROR = mirror_partners()
-
+_RIGHT = [k for k in range(FIRST_LEFT) if k not in MIDLINE]
+MIRROR = np.arange(LANDMARKS)
+"""(468,) index of the mirror partner of each landmark: those of the two halves are numbered in the same order."""
+MIRROR[_RIGHT], MIRROR[FIRST_LEFT:] = MIRROR[FIRST_LEFT:].copy(), _RIGHT
 
 MESH_SIZE = 192
 """Side of the network's input, pixels."""
@@ -272,7 +265,7 @@ def locate(network: MeshNetwork, pixels: UInt8, detection: Detection) -> Mesh:
     far speaks against a face. The best region is iterated to convergence.
     """
     region = detection.region(REGION_SCALE)
-    best = _first_clear(network, pixels, (_turned(region, k * np.pi / 2) for k in range(4)))
+    best = _first_clear(network, pixels, [_turned(region, k * np.pi / 2) for k in range(4)])
     # Presence logit below which no other start is tried; even full profiles are above it.
     if best[1].logit < (-6.0 if detection.score >= STRONG else 0.0):
         return best[1]
@@ -282,17 +275,14 @@ def locate(network: MeshNetwork, pixels: UInt8, detection: Detection) -> Mesh:
 
 
 def _first_clear(
-    network: MeshNetwork, pixels: UInt8, regions: Iterable[Region], best: tuple[Region, Mesh] | None = None
+    network: MeshNetwork, pixels: UInt8, regions: Sequence[Region], *known: tuple[Region, Mesh]
 ) -> tuple[Region, Mesh]:
+    found = list(known)
     for region in regions:
-        mesh = network(pixels, region)
-        if best is None or mesh.logit > best[1].logit:
-            best = region, mesh
-        if mesh.logit >= CLEAR:
+        found.append((region, network(pixels, region)))
+        if found[-1][1].logit >= CLEAR:
             break
-    if best is None:
-        raise ValueError("no region to try")
-    return best
+    return max(found, key=lambda one: one[1].logit)
 
 
 def _turned(region: Region, angle: float) -> Region:

@@ -29,7 +29,7 @@ from service.face.detection import (
     merge,
     overlap,
 )
-from service.face.features.rims import inside_rim
+from service.face.features.rims import RIMS, inside_rim
 from service.face.region import Region
 from service.words import WarningCode
 
@@ -240,7 +240,11 @@ class FaceFinder:
             if gap <= CONSISTENT:
                 break
             seen = again
-        if best is None or not is_face(best[1], best[2]):
+        if best is None:
+            return None
+        _, detection, found = best
+        # A clear mesh, or a weak one with a strong detection.
+        if not (found.logit >= UNCERTAIN or (found.logit >= ABSENT and detection.score >= STRONG)):
             return None
         return _face(pixels, *best)
 
@@ -285,11 +289,6 @@ def photo_tiles(width: int, height: int, side: float, angle: float = 0.0) -> lis
     return [Region(float(x), float(y), side, angle) for y in centres(height) for x in centres(width)]
 
 
-def is_face(detection: Detection, mesh: Mesh) -> bool:
-    """Whether detector and mesh together show a face: a clear mesh, or a weak one with a strong detection."""
-    return mesh.logit >= UNCERTAIN or (mesh.logit >= ABSENT and detection.score >= STRONG)
-
-
 def _close(one: Detection, other: Detection) -> bool:
     return bool(np.hypot(*(one.centre - other.centre)) < 0.5 * other.size and 0.5 < one.size / other.size < 2)
 
@@ -327,13 +326,8 @@ def _face(pixels: UInt8, gap: float, detection: Detection, mesh: Mesh) -> Face:
     )
 
 
-EYES = (
-    (33, 246, 161, 160, 159, 158, 157, 173, 133, 155, 154, 153, 145, 144, 163, 7),
-    (263, 466, 388, 387, 386, 385, 384, 398, 362, 382, 381, 380, 374, 373, 390, 249),
-)
-"""Landmarks around the image-left and image-right eye, in order."""
 CHEEKS = ((116, 117, 118, 101, 205, 187, 147, 123), (345, 346, 347, 330, 425, 411, 376, 352))
-"""Landmarks around the cheek below each of ``EYES``, in order."""
+"""Landmarks around the cheek below the image-left and the image-right eye, in order."""
 OVAL = (
     10, 338, 297, 332, 284, 251, 389, 356, 454, 323, 361, 288, 397, 365, 379, 378, 400, 377,
     152, 148, 176, 149, 150, 136, 172, 58, 132, 93, 234, 127, 162, 21, 54, 103, 67, 109,
@@ -369,7 +363,7 @@ def photo_warnings(pixels: UInt8, landmarks: Float64) -> tuple[WarningCode, ...]
     # 75th percentile of a face's linear luminance below which it is under-exposed (dark skin in good light has 0.15).
     if face.size and float(np.percentile(face, 75)) < 0.05:
         codes.append("under-exposed")
-    pairs = zip(EYES, CHEEKS, strict=True)
+    pairs = zip((RIMS["right"], RIMS["left"]), CHEEKS, strict=True)
     if all(_covered(pixels, landmarks[list(eye), :2], landmarks[list(cheek), :2]) for eye, cheek in pairs):
         codes.append("eyes-covered")
     return tuple(codes)

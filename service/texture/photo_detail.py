@@ -164,9 +164,7 @@ class OwnDetail:
 
 
 def _together(found: Sequence[tuple[Octave, ...]], areas: Sequence[float]) -> tuple[Octave, ...]:
-    """Octaves of several photos by the skin that is seen of each; of one its own."""
-    if len(found) == 1:
-        return found[0]
+    """Octaves of photos by the skin that is seen of each."""
     total = max(sum(areas), 1e-6)
     shares = np.array([[one.share for one in octaves] for octaves in found]) * np.array(areas)[:, None] / total
     return tuple(replace(one, share=round(float(share), 4)) for one, share in zip(found[0], shares.sum(0), strict=True))

@@ -17,9 +17,8 @@ from service.errors import NumericFault
 from service.face.fit.fit import Fit
 from service.face.reading.part_labels import BROW, HAIR, HAT, SKIN
 from service.face.reading.reader import Reading, View
-from service.geometry.chart import Chart, chart_points
-from service.geometry.mesh import face_normals, laplacian, normalise, smooth_fit, splat, vertex_normals
-from service.geometry.raster import signed_area
+from service.geometry.chart import Chart
+from service.geometry.mesh import laplacian, normalise, smooth_fit, splat, vertex_normals
 from service.hair.worn_hair import WornHair
 from service.head.regions import vertex_mask
 from service.map_registry import MIRRORED, SEEN
@@ -214,13 +213,7 @@ class Unwrappings:
 
     @classmethod
     def of(cls, chart: Chart, views: Sequence[tuple[Photo, Fit, Reading | None]]) -> Unwrappings:
-        """Unwrap photos, each with its own fit of the head, the first with that of the texture.
-
-        Raises:
-            NumericFault: vertices or a camera are not finite.
-        """
-        for _, fit, _ in views:
-            _require_finite(fit)
+        """Unwrap photos, each with its own fit of the head, the first with that of the texture."""
         zones, vertices = Zones.of(chart), views[0][1].vertices
         sights = tuple(_sight(chart, zones, *view) for view in views)
         return cls(zones, sights, chart.fill_outside(chart.normals(vertices)))
@@ -244,7 +237,7 @@ def make_texture(
         known: of these photos; None: it is made.
 
     Raises:
-        NumericFault: vertices, camera or a map are not finite.
+        NumericFault: a map is not finite.
     """
     views = [(photo, fit, reading), *((view.photo, other, view.reading) for view, other in others)]
     known = known or Unwrappings.of(chart, views)
@@ -257,7 +250,7 @@ def make_texture(
             for seen, part, cover, dark in known.sights
         ]
         mixed = blend(chart, layers, [one for _, one, _ in views], zones)
-        unwrapped, part, _, found = (getattr(mixed.layer, name) for name in _LAYER)
+        unwrapped, part, found = mixed.layer.unwrapped, mixed.layer.parts, mixed.layer.found
         scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
         on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
         fallback = DEFAULT_SKIN if found.colour is None else found.colour
@@ -268,7 +261,7 @@ def make_texture(
         return layers, mixed, completed, paint_parts(*shown)
 
     layers, mixed, completed, parts = made(telling=True)
-    unwrapped, part, weight, found = (getattr(mixed.layer, name) for name in _LAYER)
+    unwrapped, part, weight, found = mixed.layer.unwrapped, mixed.layer.parts, mixed.layer.weight, mixed.layer.found
     texture, bright = chart.fill_outside(chart.spread(parts.colour)), None
     if any((dark > 0.5).any() for _, _, _, dark in known.sights):
         texture, bright = chart.fill_outside(chart.spread(made(telling=False)[-1].colour)), to_bytes(texture)
@@ -295,9 +288,6 @@ def make_texture(
         to_bytes(parts.albedo), parts.iris, parts.tooth, roots,
         _per_photo(chart, layers, mixed, parts.colour, [one for _, one, _ in views]) if others else (), bright,
     )  # fmt: skip
-
-
-_LAYER = ("unwrapped", "parts", "weight", "found")
 
 
 def _sight(
@@ -344,21 +334,6 @@ def _per_photo(
     return tuple(found)
 
 
-def _require_finite(fit: Fit) -> None:
-    """Raise NumericFault where a number of the fit is not finite."""
-    camera = fit.camera
-    numbers = {
-        "vertices": fit.vertices,
-        "focal length": np.array([camera.focal_px]),
-        "rotation": camera.rotation,
-        "translation": camera.translation,
-        "principal point": camera.principal_point,
-    }
-    for name, values in numbers.items():
-        if not np.isfinite(values).all():
-            raise NumericFault(f"the fit's {name} has {int((~np.isfinite(values)).sum())} values that are not finite")
-
-
 def _scalp_colour(unwrapped: Unwrapped, scalp: Float32, skin: Bool) -> Float32 | None:
     """(3,) sRGB median of the scalp, well behind the hairline where the photo shows that; None where it shows no
     scalp.
@@ -382,14 +357,7 @@ def _confidence(completed: Completed) -> Float32:
 
 def visible_fraction(chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones) -> float:
     """Share of the face region's area, in [0, 1], that faces the camera and is not occluded."""
-    area = chart.gather(triangle_area(chart, fit.vertices)).ravel()[chart.texels] * zones.face * zones.skin
+    e, f, g = chart.metric(fit.vertices).reshape(-1, 3)[chart.texels].T
+    area = np.sqrt(np.maximum(e * g - f * f, 0)) * zones.face * zones.skin
     total = float(area.sum())
     return float(area[unwrapped.visible].sum() / total) if total > 0 else 0.0
-
-
-def triangle_area(chart: Chart, vertices: AnyFloat) -> Float64:
-    """(T,) square metres of surface per texel of the chart; 0 for triangles without area on the chart."""
-    space = face_normals(vertices, chart.head.triangles)
-    texels = np.abs(signed_area(chart_points(chart.head, chart.width, chart.height), chart.head.triangle_uv))
-    area = np.sqrt((space * space).sum(1))
-    return np.asarray(np.divide(area, texels, out=np.zeros_like(area), where=texels > 1e-9))

@@ -56,13 +56,7 @@ class Gaze:
     irises: tuple[Iris, ...] = ()
 
 
-def find_gaze(
-    pixels: UInt8,
-    landmarks: AnyFloat,
-    head: HeadModel,
-    neutral: AnyFloat,
-    camera: Camera,
-) -> Gaze | None:
+def find_gaze(pixels: UInt8, landmarks: AnyFloat, head: HeadModel, neutral: AnyFloat, camera: Camera) -> Gaze | None:
     """Gaze of a fitted head.
 
     Args:
@@ -81,11 +75,10 @@ def find_gaze(
         if ball is None:
             return None
         rim = np.asarray(landmarks, np.float64)[list(RIMS[side]), :2]
-        found = search(pixels, rim, _iris_px(camera, ball.centre))
+        depth = float(camera.to_camera(ball.centre[None])[0, 2])
+        found = search(pixels, rim, IRIS_RADIUS_M * camera.focal_px / depth if depth > 0 else 0.0)
         if found is not None:
             eyes.append((found, ball))
-    if not eyes:
-        return Gaze(0.0, 0.0)
     direction = _common_direction(eyes, camera)
     seen: list[tuple[Iris, Float64]] = []
     for found, ball in eyes:
@@ -103,7 +96,7 @@ def find_gaze(
 
 
 def _common_direction(eyes: list[tuple[Search, Eyeball]], camera: Camera) -> Float64:
-    """(3,) unit vector in the head's frame with the largest merit, summed over the eyes."""
+    """(3,) unit vector in the head's frame with the largest merit, summed over the eyes; any without eyes."""
     import cv2
 
     yaw, pitch = (np.radians(np.arange(-most, most + 1e-6, STEP_DEG)) for most in MOST_ANGLE_DEG)
@@ -115,12 +108,6 @@ def _common_direction(eyes: list[tuple[Search, Eyeball]], camera: Camera) -> Flo
         likely = found.spread(MOST_OFFSET)
         total += cv2.remap(likely, at[:, :1], at[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)[:, 0]
     return np.asarray(directions[int(np.argmax(total))])
-
-
-def _iris_px(camera: Camera, centre: Float64) -> float:
-    """Radius of an iris in photo pixels; 0 behind the camera."""
-    depth = float(camera.to_camera(centre[None])[0, 2])
-    return IRIS_RADIUS_M * camera.focal_px / depth if depth > 0 else 0.0
 
 
 def _angles(camera: Camera, ball: Eyeball, pixel: Float64) -> Float64:

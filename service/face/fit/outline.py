@@ -45,18 +45,16 @@ class Softened:
     corner: Float64
 
     @classmethod
-    def of(cls, pixels: UInt8, sigma_px: float, head: Float64) -> Softened:
-        """SRGB of a photo (H, W, 3) under a Gaussian of ``sigma_px`` photo pixels; none below a third of a pixel.
+    def around(cls, pixels: UInt8, middle: Float64, state: State, vertices: Float64) -> Softened:
+        """SRGB of a photo (H, W, 3) under a Gaussian of ``BLUR_M``, none below a third of a pixel.
 
-        Args:
-            pixels: the photo.
-            sigma_px: standard deviation.
-            head: (N, 2) photo pixels of the head; what lies further than ``AROUND`` from them is left out.
+        What lies further than ``AROUND`` from the head whose vertices (V, 3) are those at a state is left out.
         """
         import cv2
 
+        head = project_points(state, vertices).uv + middle
         # Largest standard deviation, photo pixels.
-        sigma = min(sigma_px, 50.0)
+        sigma = min(BLUR_M * state.scale, 50.0)
         # A standard deviation keeps at least so many pixels.
         times = max(int(sigma / 4.0), 1)
         border = AROUND * float(np.ptp(head, axis=0).max()) + 4 * sigma
@@ -71,11 +69,6 @@ class Softened:
         if sigma >= 1 / 3:
             image = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma / times), np.float32)
         return cls(image, np.array([width, height], np.float64) / image.shape[1::-1], low.astype(np.float64))
-
-    @classmethod
-    def around(cls, pixels: UInt8, middle: Float64, state: State, vertices: Float64) -> Softened:
-        """A photo blurred by ``BLUR_M`` around the head whose vertices (V, 3) are those at a state."""
-        return cls.of(pixels, BLUR_M * state.scale, project_points(state, vertices).uv + middle)
 
     def at(self, position: AnyFloat) -> Float64:
         """(..., 2) positions in its pixels of photo pixels (..., 2), centres at +0.5 in both."""
@@ -147,10 +140,6 @@ class Outline:
     def lines(self, offset: Float64) -> Float64:
         """(N, S, 2) pixels along the normals, (S,) offsets from each point."""
         return self.uv[:, None] + offset[None, :, None] * self.normal[:, None]
-
-    def chosen(self, which: Bool) -> Outline:
-        """The points of a mask (N,)."""
-        return Outline(self.vertices[which], self.uv[which], self.normal[which])
 
 
 class OutlineFinder:
@@ -262,7 +251,8 @@ class OutlineFinder:
         used = (first > 0) & (inside | (sample > first[:, None])).all(1) & ((first <= here) | bare)
         if not used.any():
             return None
-        return self._drawn(outline.chosen(used), offset[first[used]], np.ones(used.sum()), CROWN_SIGMA_M * state.scale)
+        outline = Outline(outline.vertices[used], outline.uv[used], outline.normal[used])
+        return self._drawn(outline, offset[first[used]], np.ones(used.sum()), CROWN_SIGMA_M * state.scale)
 
     def _drawn(self, outline: Outline, shift: Float64, weight: Float64, sigma: float) -> PointTerm:
         """The contour drawn along its normals by ``shift`` (N,) pixels, known to ``sigma``, each with a weight (N,)."""

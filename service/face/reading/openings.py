@@ -112,23 +112,20 @@ class OpeningsNetwork:
 
         Nothing where a network gives no numbers.
         """
-        try:
-            found = self._read(pixels, landmarks)
-        except NumericFault as fault:
-            log.warning("lids and lips are not read: %s", fault)
-            return {}
-        return {name: opening for name, opening in found.items() if opening.sure}
-
-    def _read(self, pixels: UInt8, landmarks: Float64) -> Openings:
         found: Openings = {}
         for kind in KINDS:
             for name, pair in kind.corners.items():
                 left, right = np.asarray(landmarks, np.float64)[list(pair), :2]
                 region = kind.region(left, right)
-                if region is not None:
-                    patch = region.cut(pixels, kind.side)
-                    found[name] = _placed(kind, self._heights(kind, patch, name in kind.flipped), left, right)
-        return found
+                if region is None:
+                    continue
+                try:
+                    heights = self._heights(kind, region.cut(pixels, kind.side), name in kind.flipped)
+                except NumericFault as fault:
+                    log.warning("lids and lips are not read: %s", fault)
+                    return {}
+                found[name] = _placed(heights, left, right)
+        return {name: opening for name, opening in found.items() if opening.sure}
 
     def _heights(self, kind: OpeningKind, patch: UInt8, flipped: bool) -> Float64:
         """(4, 9): heights of upper and lower edge over the length, then their standard deviations."""
@@ -146,7 +143,7 @@ class OpeningsNetwork:
         return np.asarray(mean[:, ::-1] if flipped else mean)
 
 
-def _placed(kind: OpeningKind, read: Float64, left: Float64, right: Float64) -> Opening:
+def _placed(read: Float64, left: Float64, right: Float64) -> Opening:
     across = right - left
     up = np.array([across[1], -across[0]])
     base = left + STATIONS[:, None] * across

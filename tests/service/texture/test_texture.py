@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.errors import NumericFault
 from service.face.reading.part_labels import HAT, SCLERA
 from service.face.reading.part_labels import SKIN as SKIN_READ
 from service.geometry.chart import Chart
@@ -183,18 +182,3 @@ def test_grey_photo_gives_grey_maps_also_where_made_up() -> None:
 
     texture = _texture(photograph(HEAD, turned(0), paint, (0.4, 0.4, 0.4)), 0).texture.astype(int)
     assert (texture.max(-1) - texture.min(-1)).max() <= 2
-
-
-@pytest.mark.parametrize("field", ["vertices", "focal", "translation"])
-def test_a_fit_that_is_not_finite_is_refused_by_name(field: str) -> None:
-    fit = fitted(HEAD, turned(0))
-    if field == "vertices":
-        broken = HEAD.mean.copy()
-        broken[7, 1] = np.nan
-        fit = replace(fit, vertices=broken)
-    elif field == "focal":
-        fit = replace(fit, camera=replace(fit.camera, focal_px=float("inf")))
-    else:
-        fit = replace(fit, camera=replace(fit.camera, translation=np.array([0, 0, np.nan])))
-    with pytest.raises(NumericFault, match=field):
-        make_texture(Photo(np.zeros((400, 400, 3), np.uint8)), fit, CHART)
