@@ -110,11 +110,11 @@ class HairColour:
 
     @property
     def dyed(self) -> bool:
-        """Whether the colour is one that neither melanin nor grey hair has."""
+        """Whether the colour is one that no hair has by nature: neither brown, blond or red, nor grey."""
         if not self.dye.any() or not len(self.melanin):
             return False
         usual = np.median(self.linear().reshape(-1, 3), 0)
-        return bool(1 - usual.min() / max(float(usual.max()), 1e-6) > NEUTRAL)
+        return not is_warm(usual) and bool(1 - usual.min() / max(float(usual.max()), 1e-6) > NEUTRAL)
 
     def chosen(self, kept: Bool | Int64) -> HairColour:
         """Of the strands of a mask (N,) or an index."""
@@ -160,40 +160,54 @@ def absorption_of(colour: AnyFloat) -> Float32:
     return np.asarray(np.square(logs / WIDTH), np.float32)
 
 
-def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, shine: float = 0.0) -> HairColour:
+def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, redder: bool = False, shine: float = 0.0) -> HairColour:
     """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains.
 
     Args:
         colours: of the strands.
         dyed_from: how far from melanin's colours hair is dyed, as ``DYED``; 0 for grey hair, in which white hairs and
-            others together have a colour that no hair has alone; infinite where all of it is melanin.
+            others together have a colour that no hair has alone; infinite where all of it is melanin; below 0 where
+            the colour is kept whatever it is.
+        redder: whether warm hair may be redder than melanin all the same, as copper is: the colours of real red hair
+            lie beyond those that pheomelanin has here.
         shine: what they mirror, see :class:`HairColour`.
     """
     colours = np.clip(colours - np.float32(shine), 1.15 * SURFACE, 0.98)
     absorbed = absorption_of(colours).astype(np.float64)
-    melanin = _as_bright(_melanin(absorbed), luma(np.asarray(colours, np.float32)))
-    dye = np.zeros(3)
-    if np.isfinite(dyed_from) and len(colours):
+    bright_as, dye = luma(np.asarray(colours, np.float32)), np.zeros(3)
+    melanin = _as_bright(_melanin(absorbed), bright_as, dye)
+    if (redder or dyed_from < np.inf) and len(colours):
         usual = np.median(absorbed.reshape(-1, 3), 0)
         amount = np.median(melanin.reshape(-1, 2), 0)
         nearest, shown = reflected(amount @ PIGMENTS), reflected(usual)
         left = np.log((nearest + SHINE) / (shown + SHINE))
         bright = float(luma(shown))
-        if float(left.max() - left.min()) > dyed_from + DYED_DARK * np.exp(-bright / DARK):
+        far = float(left.max() - left.min()) > dyed_from + DYED_DARK * np.exp(-bright / DARK)
+        copper = redder and is_warm(shown) and left[1] > left[0]
+        if copper and not far:  # no less yellow than melanin: that would be the sky
+            usual[2] = max(usual[2], float((amount @ PIGMENTS)[2]))
+        if far or copper:
             # Whatever melanin there is absorbs no more than the dyed hair does in any channel.
             most = (usual / np.maximum(amount @ PIGMENTS, 1e-9)).min()
             melanin = melanin * min(1.0, float(most))
             dye = np.maximum(usual - np.median(melanin.reshape(-1, 2), 0) @ PIGMENTS, 0)
+            melanin = _as_bright(melanin, bright_as, dye)
     return HairColour(np.asarray(melanin, np.float32), np.asarray(dye, np.float32), shine=shine)
 
 
-def _as_bright(melanin: Float64, bright: Float32) -> Float64:
-    """Concentrations (..., 2) times a factor by which their colour has a luminance (...)."""
+def is_warm(colour: AnyFloat) -> bool:
+    """Whether a linear RGB (3,) is one of brown, blond or red hair: no channel exceeds the one before it."""
+    red, green, blue = colour
+    return bool(red >= green >= blue)
+
+
+def _as_bright(melanin: Float64, bright: Float32, dye: Float64) -> Float64:
+    """Concentrations (..., 2) times a factor by which their colour, with a dye (3,), has a luminance (...)."""
     absorbs = melanin @ PIGMENTS
     low, high = np.full(bright.shape, -2.0), np.full(bright.shape, 2.0)
     for _ in range(12):
         middle = 0.5 * (low + high)
-        over = luma(reflected(absorbs * np.exp(middle)[..., None])) > bright
+        over = luma(reflected(absorbs * np.exp(middle)[..., None] + dye)) > bright
         low, high = np.where(over, middle, low), np.where(over, high, middle)
     return np.asarray(melanin * np.exp(0.5 * (low + high))[..., None])
 

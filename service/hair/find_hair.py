@@ -242,7 +242,9 @@ def painted(
     arrives = max(lit, LEAST_LIT) * float(np.exp(bright[inner]).mean())
     level = np.minimum(level + np.log(arrives / float(np.exp(level).mean())), high)
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
-    return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))), shine=SHINE)
+    # As they are: it is without the photo's light that hair has the colours of melanin.
+    shown = np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9)))
+    return as_absorbed(shown, dyed_from=-np.inf, shine=SHINE)
 
 
 def _well_within(read: HairReading, photo: Photo) -> Bool:

@@ -110,17 +110,35 @@ def _has_fringe(style: Style) -> bool:
     return style.fringe_mm < min(SHORT_FRINGE * style.top_mm, FRINGE_MM)
 
 
+PARTED_M, PARTED_LOW_M = (-0.12, -0.08), (0.05, 0.08)
+"""Depths and heights in the head's frame between which a parting ends: down the back hair falls as it grows."""
+
+
+def _parted(style: Style, roots: Roots) -> Bool:
+    """(N,) where hair keeps to its own side of a parting; two plaits are parted down to the nape."""
+    _, height, depth = roots.position.T
+    ends = (depth < _chance(roots, *PARTED_M)) & (height < _chance(roots, *PARTED_LOW_M)) & ~_forward(roots)
+    return np.asarray(~ends | (style.gather == "two_plaits"))
+
+
+def _chance(roots: Roots, low: float = 0.0, high: float = 1.0) -> Float32:
+    """(N,) float32 from low to high by place, so that strands and guides of one lock agree."""
+    chance = np.sin(np.floor(roots.position / WISP_M) @ np.array([12.9898, 78.233, 37.719])) * 43758.5453 % 1.0
+    return np.asarray(low + (high - low) * chance, np.float32)
+
+
 def _forward(roots: Roots) -> Bool:
     """(N,) what falls before the shoulders where it is long enough; the rest falls behind them."""
-    return np.asarray(np.abs(roots.azimuth) < 1.35)
+    return np.asarray(np.abs(roots.azimuth) < _chance(roots, 1.2, 1.5))
 
 
 def groups(style: Style, roots: Roots) -> Int64:
     """(N,) number of the part of the hair that a strand belongs to: strands are not blended across these borders."""
     split = style.parting != "none" or style.combing in ("side", "down") or style.gather in ("pinned", "two_plaits")
-    longest = max(style.top_mm, style.sides_mm, style.back_mm)
+    longest, parted = max(style.top_mm, style.sides_mm, style.back_mm), _parted(style, roots)
     parts = (
-        (sides_of(style, roots) > 0) & split,
+        (sides_of(style, roots) > 0) & split & parted,
+        parted & split,
         _tied(style, roots) & (style.gather != "none"),
         _forward(roots) & (longest > 200) & (style.gather in LOOSE),
         _fringe(roots) & _has_fringe(style),
@@ -235,7 +253,7 @@ class _Hanging:
         parted: float | Float32 = 0.0
         if style.parting != "none":
             aside = np.asarray(np.abs(roots.position[:, 0] - PARTINGS_M[style.parting]), np.float32)
-            parted = 0.15 * np.exp(-np.square(aside / 0.012))
+            parted = 0.15 * np.exp(-np.square(aside / 0.012)) * (roots.position[:, 2] > PARTED_M[1])
         # Long strands have long steps: the first of them must not carry them farther from the skin than short ones'.
         rising = np.clip(style.lift + parted, 0, 1) * np.clip(RISES_M / np.maximum(step[:, 0], 1e-6), 0.3, 1)
         # What pins leave at the temples is a lock or two: it falls behind the shoulders with the rest.
@@ -305,7 +323,7 @@ def _draped(points: Float32, before: Bool) -> Float32:
     """(N,) how far forward (negative: back) hair below the ears is drawn: it falls before or behind the shoulders."""
     middle, radii = SHOULDERS
     wanted = np.where(before, middle[2] + radii[2] + 0.02, middle[2] - radii[2] - 0.015)
-    low = smoothstep(points[:, 1], -0.03, -0.11)
+    low = smoothstep(points[:, 1], -0.06, -0.14)
     return np.asarray(low * np.clip((wanted - points[:, 2]) / 0.04, -1.2, 1.2), np.float32)
 
 
@@ -344,9 +362,7 @@ def _tied(style: Style, roots: Roots) -> Bool:
     if style.gather == "pinned":
         return np.asarray((np.abs(roots.azimuth) < 1.5) & (roots.elevation > 0.0))
     beside = (np.abs(np.abs(roots.azimuth) - 1.05) < 0.65) & (roots.edge < WISPS_EDGE)
-    # By place, so that strands and guides of one lock agree.
-    chance = np.sin(np.floor(roots.position / WISP_M) @ np.array([12.9898, 78.233, 37.719])) * 43758.5453 % 1.0
-    return np.asarray(~(beside & (chance < style.wisps)))
+    return np.asarray(~(beside & (_chance(roots) < style.wisps)))
 
 
 def _ties(style: Style, roots: Roots, skin: Scalp) -> Float32:

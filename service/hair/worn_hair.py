@@ -12,7 +12,7 @@ from service.colour import bytes_to_linear, linear_to_srgb, luma
 from service.face.fit.fit import Fit
 from service.geometry.mesh import unit
 from service.hair.cards import BUDGETS, PARTS, hair_parts
-from service.hair.colour import DYED, KNOTS, NEUTRAL, as_absorbed
+from service.hair.colour import DYED, KNOTS, NEUTRAL, as_absorbed, is_warm
 from service.hair.groom import Groom
 from service.hair.scalp import CENTRE, Scalp
 from service.levels import QualityName
@@ -65,6 +65,8 @@ def hair_cards(hair: WornHair, skin: Scalp | None, quality: QualityName, seed: i
     return () if hair.groom is None or skin is None else hair_parts(hair.groom, skin, BUDGETS[quality], seed)
 
 
+RED = 1.5
+"""Red over blue from which on hair that is violet in the photo is auburn in a cold light."""
 RETURNED = 0.9
 """What strands show of their colour where a surface beside them shows all of its own, as they shade each other: 1.0
 under a clouded sky to 0.6 below a flash, in our own renderer."""
@@ -97,8 +99,11 @@ def hair_in_albedo(
         return hair, parts
     seen = groom.colour.linear()
     usual = np.median(seen.reshape(-1, 3), 0)
-    brown = _warm(usual) or _warm(usual * light)
-    if _warm(usual):
+    if usual[1] < usual[2] < usual[0] / RED:
+        seen[..., 1:] = np.sqrt(seen[..., 1:2] * seen[..., 2:])
+        usual = np.median(seen.reshape(-1, 3), 0)
+    brown = is_warm(usual) or is_warm(usual * light)
+    if is_warm(usual):
         light = _as_coloured(light, usual)
     white = np.clip(seen * light, 1e-3, 0.9)
     middle = np.clip(usual * light, 1e-3, 0.9)
@@ -112,7 +117,7 @@ def hair_in_albedo(
         own = (1 - doubt) * own + doubt * as_absorbed(own, dyed_from=np.inf).linear(KNOTS)
         unlit_colour = as_absorbed(own, dyed_from=0.0)
     else:
-        unlit_colour = as_absorbed(own, dyed_from=np.inf if brown else DYED)
+        unlit_colour = as_absorbed(own, dyed_from=np.inf if brown else DYED, redder=True)
     made = replace(unlit_colour, measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.
@@ -126,11 +131,6 @@ def hair_in_albedo(
             materials[part.material.name] = replace(part.material, colour_map=pictures[id(one)])
     unlit = tuple(replace(part, material=materials.get(part.material.name, part.material)) for part in parts)
     return replace(hair, groom=replace(groom, colour=made), in_photo_light=False), unlit
-
-
-def _warm(colour: Float32) -> bool:
-    red, green, blue = colour
-    return bool(red >= green >= blue)
 
 
 def _as_coloured(light: Float32, usual: Float32) -> Float32:

@@ -287,7 +287,7 @@ def test_the_photos_colour_is_taken_without_its_light(name: str) -> None:
     np.testing.assert_allclose(np.median(linear.reshape(-1, 3), 0), colour, rtol=0.35, atol=0.004)
     left = linear[seen.groom.strands[:, -1, 0] > 0.05].mean(), linear[seen.groom.strands[:, -1, 0] < -0.05].mean()
     assert max(left) / min(left) < 1.45, "two and a half times before"
-    assert found.measured and not found.dyed
+    assert found.measured
 
 
 def test_shadow_that_is_crushed_to_black_is_no_black_hair() -> None:
@@ -390,7 +390,8 @@ def test_what_strands_mirror_is_not_in_their_albedo() -> None:
     seen = photographed(NAMED["crop"], 3, HEAD, strands=50)
 
     def unlit(colour: list[float], light: tuple[float, float, float] = (1, 1, 1)) -> np.ndarray:
-        own = as_absorbed(np.broadcast_to(np.array(colour, np.float32), (len(seen.groom), KNOTS, 3)))
+        shown = np.broadcast_to(np.array(colour, np.float32), (len(seen.groom), KNOTS, 3))
+        own = as_absorbed(shown, dyed_from=-np.inf)  # as a photo's colours are kept
         groom, share = dataclasses.replace(seen.groom, colour=own), np.ones(50, np.float32)
         worn = WornHair(groom, "crop", {}, share, in_photo_light=True)
         made = hair_in_albedo(worn, (), np.array(light, np.float32))[0].groom
@@ -409,6 +410,10 @@ def test_what_strands_mirror_is_not_in_their_albedo() -> None:
     assert luma(unlit([0.3, 0.28, 0.26])) > 0.25, "grey hair tells no highlight: it came out dark"
     lamp = unlit([0.51, 0.37, 0.2], (0.67, 1.02, 1.83))
     assert lamp[0] >= 0.9 * lamp[2], "blond hair beside a lamp, its light told by the face: it came out blue"
+    copper = unlit([0.28, 0.112, 0.046])
+    assert copper[0] > 2.4 * copper[1] > 2.4 * copper[2], "copper: as pheomelanin, and olive in the end, it had 1.9"
+    auburn = unlit([0.064, 0.018, 0.037])
+    assert auburn[0] > 2 * auburn[1] >= 2 * auburn[2], "auburn in a cold shade: it came out black"
     faint = unlit([0.1, 0.076, 0.069])
     assert faint.min() < 0.3 * faint.max(), "brown hair that mirrors the sky"
     levels = np.geomspace(1e-5, 0.9, 50).astype(np.float32)

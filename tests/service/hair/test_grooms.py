@@ -106,6 +106,19 @@ def test_a_style_that_cannot_be_is_refused_with_its_value(wrong: dict[str, float
     assert value != getattr(NAMED["crop"], name)
 
 
+@pytest.mark.parametrize("style", ["long_wavy", "bob"])
+@pytest.mark.parametrize("parting", ["left", "middle"])
+def test_no_parting_runs_down_the_back(style: str, parting: str) -> None:
+    """It split the hair at the back into two curtains, with the nape bare between them."""
+    worn = dataclasses.replace(NAMED[style], parting=parting)  # type: ignore[arg-type]
+    points = make_groom(worn, 5, 4000).strands.reshape(-1, 3)
+    row = points[(np.abs(points[:, 1] + 0.06) < 0.02) & (points[:, 2] < -0.1)]
+    count = np.histogram(row[:, 0], np.arange(-0.055, 0.056, 0.01))[0]
+    assert count.min() > 0.25 * np.median(count), count
+    face = (np.abs(points[:, 0]) < 0.03) & (points[:, 2] > 0) & (np.abs(points[:, 1] + 0.05) < 0.04)
+    assert face.mean() < 1e-3, "nor is what grows behind blended across the face"
+
+
 def test_melanin_is_found_again_from_its_colour() -> None:
     for eu, pheo in ((0.1, 0.1), (0.6, 0.2), (2.0, 0.1), (0.15, 0.8)):
         colour = reflected(eu * EUMELANIN + pheo * PHEOMELANIN)
