@@ -29,7 +29,7 @@ from benchmarks.metrics import Score, Truth, score
 from service.errors import AvatarError
 from service.face.finder import Face, FaceFinder
 from service.face.fit.fit import Fit, FitSettings
-from service.face.fit.fit_face import fit_face, fit_views
+from service.face.fit.fit_face import fit_views
 from service.face.profile import faces_by_reading
 from service.face.reading.reader import ReaderNetwork, Readers, Reading, View, read_face
 from service.face.several import read_view
@@ -113,7 +113,7 @@ def run(shots: list[Shot], head: HeadModel, settings: FitSettings, *, read: bool
     for shot in shots:
         begin = time.process_time()
         try:
-            fit = fit_face(shot.face, shot.photo, head, settings, shot.reading if read else None)
+            [fit] = fit_views([View(shot.photo, shot.face, shot.reading if read else None)], head, settings)
             seconds = time.process_time() - begin
             scored = score(fit, head, shot.truth)
         except (AvatarError, ValueError):
@@ -148,7 +148,7 @@ def by_views(folder: Path, counts: Sequence[int], head: HeadModel) -> None:
     print(f"{len(everybody)} heads, each from all sides in other lights by other cameras.\n", flush=True)
     print(VIEWS_HEADER, flush=True)
     usual = {
-        shot.name: _scored(fit_face(shot.face, shot.photo, head, average), head, shot)
+        shot.name: _scored(fit_views([View(shot.photo, shot.face)], head, average)[0], head, shot)
         for shots in everybody.values()
         for shot in shots
     }

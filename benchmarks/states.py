@@ -19,8 +19,8 @@ import numpy.typing as npt
 from service.face.features.rims import RIMS
 from service.face.finder import FaceFinder
 from service.face.fit.fit import Fit
-from service.face.fit.fit_face import fit_face
-from service.face.reading.reader import Readers, read_face
+from service.face.fit.fit_face import fit_views
+from service.face.reading.reader import Readers, View, read_face
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.head.regions import inter_ocular_m, lid_edges, lip_edges
@@ -105,7 +105,7 @@ def fits(folder: Path, head: HeadModel, reads: bool = True) -> Iterator[tuple[st
         reading = read_face(photo.pixels, face.landmarks, readers)
         if reading is not None and not reads:
             reading = replace(reading, openings={}, scores=None)
-        yield path.stem, fit_face(face, photo, head, None, reading), vertices
+        yield path.stem, fit_views([View(photo, face, reading)], head)[0], vertices
 
 
 def measured(folder: Path, reads: bool) -> Iterator[tuple[str, list[Told]]]:

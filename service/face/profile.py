@@ -110,19 +110,16 @@ def look(
     pixels: UInt8, region: Region, head: HeadModel, model: LandmarkModel, network: ReaderNetwork
 ) -> Profile | None:
     """The face in a square of the photo, read ``LOOKS`` times; None where the reader finds no place of the head."""
-    seen = None
-    crop: Region | None = region
+    seen, crop = None, region
     for _ in range(LOOKS):
-        if crop is None:
-            return None
         try:
-            reading = network(pixels, crop)
+            seen = _profile(head, model, network(pixels, crop))
         except NumericFault:
             return None
-        seen = _profile(head, model, reading)
-        if seen is None:
+        further = None if seen is None else crop_of(seen.landmarks)
+        if further is None:
             return None
-        crop = crop_of(seen.landmarks)
+        crop = further
     return seen
 
 

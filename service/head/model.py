@@ -76,6 +76,11 @@ class HeadModel:
         """(V, 3) float32 metres of a neutral face (V, 3) with (E,) expression coefficients."""
         return np.asarray(neutral + np.tensordot(np.asarray(expression, np.float32), self.expression, 1), np.float32)
 
+    @property
+    def skin_triangles(self) -> Int32:
+        """(T, 3) triangles of the part "skin"."""
+        return np.asarray(self.triangles[self.triangle_part == self.part_names.index("skin")])
+
     def region(self, name: str) -> Float32:
         """(V,) float32 soft mask; KeyError names the regions that exist."""
         if name not in self.region_names:

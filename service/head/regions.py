@@ -76,7 +76,7 @@ def lip_edges(head: HeadModel) -> OpeningEdges | None:
 
 def _edges(head: HeadModel, inside: Bool, upper: Bool, lower: Bool) -> OpeningEdges | None:
     """From (V,) masks of the vertices inside the opening and on either edge; None where an edge has no row."""
-    corners = head.triangles[head.triangle_part == head.part_names.index("skin")]
+    corners = head.skin_triangles
     found = OpeningEdges(_rows(corners, inside, upper), _rows(corners, inside, lower))
     return found if found.upper and found.lower else None
 

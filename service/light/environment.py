@@ -41,14 +41,6 @@ def pixel_solid_angles(height: int, width: int) -> Float64:
     return np.broadcast_to(((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)[:, None], (height, width))
 
 
-def pixel_of(directions: Float64, height: int, width: int) -> Float64:
-    """(..., 2) row and column, pixel centres at whole numbers, of unit directions (..., 3)."""
-    d = np.asarray(directions, np.float64)
-    theta = np.arccos(np.clip(d[..., 1], -1.0, 1.0))
-    phi = np.arctan2(d[..., 0], d[..., 2])
-    return np.stack([theta / np.pi * height - 0.5, (phi / (2.0 * np.pi) + 0.5) * width - 0.5], -1)
-
-
 @functools.lru_cache(maxsize=8)
 def spread_directions(count: int) -> Float64:
     """(count, 3) unit directions, evenly spread (Fibonacci spiral about the vertical); each stands for 4 pi / count."""
@@ -212,9 +204,10 @@ def lookup(image: Float64, directions: Float64) -> Float64:
     """(..., 3) radiance of a latitude-longitude image at unit directions, bilinear."""
     from scipy.ndimage import map_coordinates
 
-    at = pixel_of(directions, *image.shape[:2])
+    height, width = image.shape[:2]
+    theta, phi = np.arccos(np.clip(directions[..., 1], -1.0, 1.0)), np.arctan2(directions[..., 0], directions[..., 2])
     whole = np.pad(image, ((0, 0), (1, 1), (0, 0)), "wrap")  # the first column follows the last
-    place = [at[..., 0], at[..., 1] + 1]
+    place = [theta / np.pi * height - 0.5, (phi / (2.0 * np.pi) + 0.5) * width - 0.5 + 1]
     colours = [map_coordinates(whole[..., channel], place, order=1, mode="nearest") for channel in range(3)]
     return np.stack(colours, -1)
 

@@ -171,7 +171,9 @@ class Shading:
         s = surface
         self.directions = spread_directions(s.visible.shape[1])
         flux = flux_by_direction(light.sky, len(self.directions))
-        self.sky_blocked = _irradiance(s, flux, self.directions)
+        lit = np.einsum("kd,dcx->kcx", s.visible, flux[:, :, None] * self.directions[:, None, :], optimize=True)
+        # (S, K, 3) irradiance of the sky on the diffuse normals, with the head's occlusion and without.
+        self.sky_blocked = np.maximum(np.einsum("kcx,skx->skc", lit, s.diffuse_normal), 0.0)
         self.sky_open = irradiance(project(light.sky), s.diffuse_normal)
         solid_angle = 4.0 * np.pi / len(self.directions)
         vector = solid_angle * (s.visible @ self.directions)
@@ -311,9 +313,3 @@ class Shading:
             up = develop(full + edge * (RINGS[1:].sum(0) + 0.2 * RINGS[0]), self.scene.response)
             total += up - develop(full, self.scene.response)
         return total
-
-
-def _irradiance(s: SurfaceSamples, flux: Float64, directions: Float64) -> Float64:
-    """(S, K, 3) irradiance of the sky on the diffuse normals, with the head's occlusion."""
-    vector = np.einsum("kd,dcx->kcx", s.visible, flux[:, :, None] * directions[:, None, :], optimize=True)
-    return np.asarray(np.maximum(np.einsum("kcx,skx->skc", vector, s.diffuse_normal), 0.0))

@@ -141,8 +141,7 @@ def _gains(
 ) -> Float32:
     """(K, N, 3) of each photo; one after the other is brought to those before it, nearest directions first."""
     head = chart.head
-    skin = head.triangles[head.triangle_part == head.part_names.index("skin")]
-    edges = laplacian(skin, len(head.mean))
+    edges = laplacian(head.skin_triangles, len(head.mean))
     shades = [_log_shade(fit, head.triangles) for fit in fits]
     ahead = np.stack([fit.camera.rotation[2] for fit in fits])
     gains = np.zeros((len(layers), len(zones.skin), 3), np.float32)

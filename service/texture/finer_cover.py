@@ -73,7 +73,7 @@ def _followed(chart: Chart, colour: Float32, weight: Float32, parts: Float32, zo
     opponents = np.stack([colour @ LUMA, colour[:, 0] - colour[:, 1], colour[:, 2] - colour[:, 1]], 1)
     seen = (weight > 0).astype(np.float32)
     shown = chart.spread(np.concatenate([opponents * seen[:, None], seen[:, None]], 1).astype(np.float32))
-    soft = np.stack([blurred(shown[..., k], 1.0) for k in range(4)], -1)
+    soft = blurred(shown, 1.0)
     values = np.asarray(soft[..., :3] / np.maximum(soft[..., 3:], 1e-3), np.float32)
 
     def mask(chosen: Bool) -> Float32:
@@ -98,10 +98,7 @@ def _followed(chart: Chart, colour: Float32, weight: Float32, parts: Float32, zo
 def _likeness(values: Float32, chosen: Float32, sigma: float) -> tuple[Float32, Float32]:
     """(h, w) log likelihood of values (h, w, 3) among the chosen ones near by, and (h, w) the share of those."""
     share = blurred(chosen, sigma)
-    mean = (
-        np.stack([blurred(values[..., k] * chosen, sigma) for k in range(3)], -1) / np.maximum(share, 1e-4)[..., None]
-    )
-    off = values - mean
+    off = values - blurred(values * chosen[..., None], sigma) / np.maximum(share, 1e-4)[..., None]
     own = off[chosen > 0.5]
     spread = np.maximum(np.sqrt(np.square(own).mean(0)), LEAST_SPREAD) if len(own) else np.ones(3)
     return np.asarray(-0.5 * np.square(off / spread).sum(-1) - np.log(spread).sum(), np.float32), share
@@ -110,9 +107,9 @@ def _likeness(values: Float32, chosen: Float32, sigma: float) -> tuple[Float32, 
 def _lines(chart: Chart, bright: Float32, seen: Bool) -> Float32:
     """(h, w) in [0, 1], 1 on lines that are darker or paler than both sides, and a texel beside them."""
     planes = chart.spread(np.stack([bright * seen, seen], 1).astype(np.float32))
-    near = [blurred(planes[..., k], 4.0) for k in (0, 1)]
-    there = planes[..., 1]
-    image = np.asarray(planes[..., 0] + (1 - there) * near[0] / np.maximum(near[1], np.float32(1e-3)), np.float32)
+    near = blurred(planes, 4.0)
+    beside = near[..., 0] / np.maximum(near[..., 1], np.float32(1e-3))
+    image = np.asarray(planes[..., 0] + (1 - planes[..., 1]) * beside, np.float32)
     reach = max(round(RIM * chart.width), 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
     closed, opened = (cv2.morphologyEx(image, how, disc) for how in (cv2.MORPH_CLOSE, cv2.MORPH_OPEN))

@@ -59,8 +59,13 @@ def opacity(weight: AnyFloat) -> Float32:
 
 
 def complete_skin(
-    chart: Chart, colour: Float32, seen: Float32, skin: Float32, scalp: Float32 | None,
-    plain: Float32 | float = 1.0, worn: Float32 | float = 0.0,
+    chart: Chart,
+    colour: Float32,
+    seen: Float32,
+    skin: Float32,
+    scalp: Float32 | None,
+    plain: Float32 | float = 1.0,
+    worn: Float32 | float = 0.0,
 ) -> Completed:
     """Colour of all skin: base, detail and mirrored detail.
 
@@ -96,7 +101,7 @@ def _base(
     head = chart.head
     count = len(head.mean)
     hair = vertex_mask(head, "scalp").astype(np.float64)
-    edges = laplacian(head.triangles[head.triangle_part == head.part_names.index("skin")], count, hair)
+    edges = laplacian(head.skin_triangles, count, hair)
 
     known, k = splat(chart.corners, chart.weights, values, trust, count)
     reflected, k_reflected = known[head.mirror], k[head.mirror]

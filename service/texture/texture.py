@@ -174,7 +174,7 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
         both = parts[:, HAIR] + parts[:, SKIN]
         value = (parts[:, HAIR] / np.maximum(both, 1e-6))[:, None]
         known, trust = splat(chart.corners, chart.weights, value, weight * both * zones.scalp * zones.skin, count)
-        edges = laplacian(head.triangles[head.triangle_part == head.part_names.index("skin")], count)
+        edges = laplacian(head.skin_triangles, count)
         density = np.clip(smooth_fit(edges, known, trust, SMOOTHNESS, prior, PRIOR_TRUST), 0, 1)
     # Values of the scalp's soft mask between which hair begins.
     grown = chart.inside(density.astype(np.float32))[:, 0] * smoothstep(zones.scalp, 0.15, 0.85) * zones.skin

@@ -205,7 +205,8 @@ def lid_on_rim(
         return None, Followed(np.array(seen.expression, np.float64))
     names, start = {f"{unit}{side.capitalize()}" for unit in LID_UNITS}, np.array(seen.expression, np.float64)
     if side not in seen.exact:
-        return rim, fit_to_rim(rim.lower_above(LASH_ROOTS), edges, names, head, neutral, start, seen.camera)
+        lower = replace(rim, upper=rim.upper - [0.0, LASH_ROOTS * rim.length])
+        return rim, fit_to_rim(lower, edges, names, head, neutral, start, seen.camera)
     if rim.gap < SHUT:
         # Lids that meet in this view may be apart in others: only where they meet is fitted.
         rim, start, names = rim.narrower(rim.length), _shut(head, start, side), {f"eyeSquint{side.capitalize()}"}

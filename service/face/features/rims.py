@@ -107,10 +107,6 @@ class Rim:
         """(N,) places at which edges are fitted to it."""
         return np.linspace(*self.used, PLACES)
 
-    def lower_above(self, share: float) -> Rim:
-        """The rim with its upper edge lowered by a share of the length."""
-        return replace(self, upper=self.upper - [0.0, share * self.length])
-
     def narrower(self, height: float) -> Rim:
         """The rim with its edges moved towards each other by ``height`` pixels in all, at most until they meet."""
         places = self.upper[:, 0]

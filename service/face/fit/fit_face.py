@@ -18,7 +18,6 @@ from service.face.features.eye_colours import cheek_colour, eye_colours, light_f
 from service.face.features.eyes import SeenRims, eyes_at_rest, eyes_on_rims, find_gaze, lids_on_rims, with_gaze
 from service.face.features.mouth import lips_on_rim, measure_teeth
 from service.face.features.rims import RIMS
-from service.face.finder import Face
 from service.face.fit.dense import Correspondences, DenseTerms, correspondences, reading_agreement
 from service.face.fit.fit import Fit, FitSettings
 from service.face.fit.landmark_fit import (
@@ -38,7 +37,7 @@ from service.face.fit.outline import OutlineFinder, Softened, light_on_face
 from service.face.fit.solver import POSE, Damping, NormalPrior, PointTerm, Prior, State, Term, minimise
 from service.face.fit.stereo import Picture, stereo_terms
 from service.face.reading.openings import Scores, with_openings
-from service.face.reading.reader import Reading, View
+from service.face.reading.reader import View
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.head.regions import SIDES, inter_ocular_m
@@ -199,17 +198,6 @@ def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings, scores:
     for k, name in enumerate(model.expression_names, model.identity_count):
         mean[k] = (scores or {}).get(name, 0.0)
     return Prior(float(np.log(1.2)), distance_sigma, float(np.log(focal)), focal_sigma, precision, mean)
-
-
-def fit_face(
-    face: Face,
-    photo: Photo,
-    head: HeadModel,
-    settings: FitSettings | None = None,
-    reading: Reading | None = None,
-) -> Fit:
-    """Place the head model in one photo: :func:`fit_views` of it alone."""
-    return fit_views([View(photo, face, reading)], head, settings)[0]
 
 
 def fit_views(views: Sequence[View], head: HeadModel, settings: FitSettings | None = None) -> list[Fit]:

@@ -13,9 +13,9 @@ from models.head.shoot import look_at
 from models.head.writing import save_head
 from service.errors import ModelFault
 from service.face.finder import Face
-from service.face.fit.fit_face import fit_face
 from service.head.files import load_head
 from service.photo.photo import Photo
+from tests.support.fits import fit_face
 
 
 def foreign() -> Source:

@@ -11,7 +11,6 @@ import pytest
 from benchmarks.states import openings_mm
 from service.face.finder import Face, FaceFinder
 from service.face.fit.fit import Fit
-from service.face.fit.fit_face import fit_face
 from service.face.fit.landmark_fit import LandmarkModel
 from service.face.profile import faces_by_reading, turned_further
 from service.face.reading.part_labels import BEARD, GLASSES, HAIR, HAT, OTHER
@@ -21,6 +20,7 @@ from service.head.model import HeadModel
 from service.photo.gate import read_photo
 from service.photo.photo import Photo
 from service.photo.wire import FOCAL_RANGE_MM
+from tests.support.fits import fit_face
 
 PEOPLE = Path(__file__).parents[3] / "data" / "people"
 PROFILES = ("turned_away", "dim_profile")

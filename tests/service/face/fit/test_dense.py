@@ -10,7 +10,7 @@ from service.arrays import Float64
 from service.face.finder import Face
 from service.face.fit.dense import DenseTerms, correspondences, normal_derivative
 from service.face.fit.fit import FitSettings
-from service.face.fit.fit_face import fit_face, fit_views
+from service.face.fit.fit_face import fit_views
 from service.face.fit.landmark_fit import LandmarkModel, extended
 from service.face.fit.solver import POSE, State
 from service.face.reading.openings import EYE, STATIONS, Opening
@@ -22,6 +22,7 @@ from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 from service.head.regions import lid_edges
 from service.photo.photo import Photo
+from tests.support.fits import fit_face
 
 SIZE, FOCAL = 512, 1100.0
 MIDDLE = np.array([SIZE / 2, SIZE / 2])

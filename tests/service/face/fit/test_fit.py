@@ -9,13 +9,13 @@ from service.colour import linear_to_srgb, to_bytes
 from service.errors import FitFailed
 from service.face.finder import Face
 from service.face.fit.fit import FitSettings
-from service.face.fit.fit_face import fit_face
 from service.face.fit.landmark_fit import LandmarkModel
 from service.geometry.camera import Camera, exp_rotation
 from service.geometry.mesh import vertex_normals
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 from service.photo.photo import Photo
+from tests.support.fits import fit_face
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 900.0
 MIDDLE = np.array([WIDTH / 2, HEIGHT / 2])
