@@ -20,7 +20,7 @@ from service.face.reading.reader import Reading
 from service.geometry.sampling import sample_at
 from service.hair.asked import NONE, AskedHair
 from service.hair.bank import UNLIKELY, Bank, Matches, kind_of, match, read_bank
-from service.hair.colour import KNOTS, SHINE, HairColour, as_absorbed, asked_colour
+from service.hair.colour import DARK, KNOTS, SHINE, HairColour, as_absorbed, asked_colour, is_warm
 from service.hair.groom import make_groom
 from service.hair.guides import grow_several, grown
 from service.hair.kinds import GATHERED, KINDS, kinds_of
@@ -187,6 +187,8 @@ OWN = 0.7
 """Share of a seen strand's own departure from the mean that it keeps: the rest is its neighbours' and noise."""
 CONTRAST = 0.9
 """Least spread of brightness over strands, over that of the photo's pixels: means along strands are more alike."""
+AUBURN = 1.5
+"""Red over blue from which on hair that is violet in the photo is auburn in a cold light."""
 USUAL_SPREAD = 0.16
 """Standard deviation of the logarithm of luminance from strand to strand, where none are seen."""
 LEAST_LIT = 0.6
@@ -242,9 +244,13 @@ def painted(
     arrives = max(lit, LEAST_LIT) * float(np.exp(bright[inner]).mean())
     level = np.minimum(level + np.log(arrives / float(np.exp(level).mean())), high)
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
-    # As they are: it is without the photo's light that hair has the colours of melanin.
     shown = np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9)))
-    return as_absorbed(shown, dyed_from=-np.inf, shine=SHINE)
+    red, green, blue = usual = np.median(shown.reshape(-1, 3), 0)
+    if green < blue < red / AUBURN and luma(usual) > DARK:
+        shown[..., 1:] = np.sqrt(shown[..., 1:2] * shown[..., 2:])
+    elif is_warm(usual):  # nor are its brighter strands blue, which mirror the sky
+        shown = np.minimum.accumulate(shown, -1)
+    return as_absorbed(shown, redder=True, shine=SHINE)
 
 
 def _well_within(read: HairReading, photo: Photo) -> Bool:

@@ -65,8 +65,6 @@ def hair_cards(hair: WornHair, skin: Scalp | None, quality: QualityName, seed: i
     return () if hair.groom is None or skin is None else hair_parts(hair.groom, skin, BUDGETS[quality], seed)
 
 
-RED = 1.5
-"""Red over blue from which on hair that is violet in the photo is auburn in a cold light."""
 RETURNED = 0.9
 """What strands show of their colour where a surface beside them shows all of its own, as they shade each other: 1.0
 under a clouded sky to 0.6 below a flash, in our own renderer."""
@@ -99,9 +97,6 @@ def hair_in_albedo(
         return hair, parts
     seen = groom.colour.linear()
     usual = np.median(seen.reshape(-1, 3), 0)
-    if usual[1] < usual[2] < usual[0] / RED:
-        seen[..., 1:] = np.sqrt(seen[..., 1:2] * seen[..., 2:])
-        usual = np.median(seen.reshape(-1, 3), 0)
     brown = is_warm(usual) or is_warm(usual * light)
     if is_warm(usual):
         light = _as_coloured(light, usual)
