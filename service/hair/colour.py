@@ -85,7 +85,8 @@ class HairColour:
     Attributes:
         melanin: (N, KNOTS, 2) float32 at least 0, concentrations of eumelanin and pheomelanin at places that are even
             from root to tip.
-        dye: (3,) float32 at least 0, what dye absorbs beside them in red, green and blue; 0 in hair that is not dyed.
+        dye: (3,) or (N, KNOTS, 3) float32 at least 0, what dye absorbs beside them in red, green and blue; 0 in hair
+            that is not dyed.
         measured: whether the photo shows enough hair to tell; else it is guessed from the brows.
         shine: linear value of the white light that strands mirror besides, in colours that are a photo's.
     """
@@ -118,15 +119,15 @@ class HairColour:
 
     def chosen(self, kept: Bool | Int64) -> HairColour:
         """Of the strands of a mask (N,) or an index."""
-        return replace(self, melanin=self.melanin[kept])
+        return replace(self, melanin=self.melanin[kept], dye=self.dye if self.dye.ndim == 1 else self.dye[kept])
 
     def linear(self, points: int = KNOTS) -> Float32:
         """(N, points, 3) float32 linear RGB in [0, 1] under white light, even from root to tip."""
         at = np.linspace(0, KNOTS - 1, points)
         low = np.minimum(at.astype(int), KNOTS - 2)
         part = (at - low).astype(np.float32)[None, :, None]
-        amount = self.melanin[:, low] * (1 - part) + self.melanin[:, low + 1] * part
-        return reflected(amount @ PIGMENTS + self.dye) + np.float32(self.shine)
+        absorbs = self.melanin @ PIGMENTS + self.dye
+        return reflected(absorbs[:, low] * (1 - part) + absorbs[:, low + 1] * part) + np.float32(self.shine)
 
 
 COLOURS: dict[str, Melanin] = {
@@ -174,8 +175,9 @@ def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, redder: bool = Fa
     """
     colours = np.clip(colours - np.float32(shine), 1.15 * SURFACE, 0.98)
     absorbed = absorption_of(colours).astype(np.float64)
-    bright_as, dye = luma(np.asarray(colours, np.float32)), np.zeros(3)
-    melanin = _as_bright(_melanin(absorbed), bright_as, dye)
+    melanin, dye = _melanin(absorbed), np.zeros(3)
+    wanted = luma(np.asarray(colours, np.float32))
+    melanin *= _as_bright(melanin @ PIGMENTS, wanted)
     if (redder or dyed_from < np.inf) and len(colours):
         usual = np.median(absorbed.reshape(-1, 3), 0)
         amount = np.median(melanin.reshape(-1, 2), 0)
@@ -191,7 +193,9 @@ def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, redder: bool = Fa
             most = (usual / np.maximum(amount @ PIGMENTS, 1e-9)).min()
             melanin = melanin * min(1.0, float(most))
             dye = np.maximum(usual - np.median(melanin.reshape(-1, 2), 0) @ PIGMENTS, 0)
-            melanin = _as_bright(melanin, bright_as, dye)
+            dye = dye * absorbed.sum(-1, keepdims=True) / max(float(usual.sum()), 1e-9)  # lighter strands took less
+            factor = _as_bright(melanin @ PIGMENTS + dye, wanted)
+            melanin, dye = melanin * factor, dye * factor
     return HairColour(np.asarray(melanin, np.float32), np.asarray(dye, np.float32), shine=shine)
 
 
@@ -201,15 +205,14 @@ def is_warm(colour: AnyFloat) -> bool:
     return bool(red >= green >= blue)
 
 
-def _as_bright(melanin: Float64, bright: Float32, dye: Float64) -> Float64:
-    """Concentrations (..., 2) times a factor by which their colour, with a dye (3,), has a luminance (...)."""
-    absorbs = melanin @ PIGMENTS
+def _as_bright(absorbs: Float64, bright: Float32) -> Float64:
+    """(..., 1) factors by which hair that absorbs (..., 3) has a luminance (...)."""
     low, high = np.full(bright.shape, -2.0), np.full(bright.shape, 2.0)
     for _ in range(12):
         middle = 0.5 * (low + high)
-        over = luma(reflected(absorbs * np.exp(middle)[..., None] + dye)) > bright
+        over = luma(reflected(absorbs * np.exp(middle)[..., None])) > bright
         low, high = np.where(over, middle, low), np.where(over, high, middle)
-    return np.asarray(melanin * np.exp(0.5 * (low + high))[..., None])
+    return np.asarray(np.exp(0.5 * (low + high))[..., None])
 
 
 def _melanin(absorbed: Float64) -> Float64:
