@@ -14,10 +14,12 @@ from models.people.cosmetics import NO_MAKE_UP, earrings, make_up
 from models.people.draw import Mesh
 from models.people.figure import neck_colour, smooth_normals
 from models.people.glasses import glasses
+from models.people.headwear import beanie, hat, headscarf, neck_scarf
 from models.people.occluders import hand, screen, shade
 from models.people.person import Person, the_head
-from models.people.shells import cap, fur, mask, scarf
+from models.people.shells import fur, mask
 from models.people.skins import Skin
+from models.people.strands import Hides
 from service.anatomy.items import Item, Items
 from service.face.reading import part_labels as labels
 from service.geometry.mesh import vertex_normals
@@ -27,6 +29,10 @@ Float = npt.NDArray[np.float32]
 NO_BEARD = (0.0, 0.0, 0.0, 0.3)
 INTRUDERS = ("hair", "cap", "glasses", "hand", "thing")
 """What may hide skin: a groom, a knitted cap, glasses, a hand, any flat thing before the picture."""
+FEDORA, BEANIE, HAT, HEADSCARF = 0.03, 0.11, 0.17, 0.2
+"""Summed shares of people who wear one on the head."""
+NECK_SCARF = 0.1
+"""Share of people with a scarf round the neck."""
 GROOMED = 0.93
 """Share of people with hair, of those whom no scarf covers."""
 
@@ -40,7 +46,7 @@ class Outfit:
         beard: density, density of the moustache, length from 0 to 3, edge; for the shaders.
         make_up: uniforms of the shader of skin.
         screens: what is put on the picture.
-        groomed: whether hair grows on the head; hair_top: height in metres above which a hat hides it.
+        groomed: whether hair grows on the head; hides: which of points (N, 3) a hat hides, where it does.
     """
 
     meshes: list[Mesh] = field(default_factory=list)
@@ -48,7 +54,7 @@ class Outfit:
     make_up: dict[str, tuple[float, ...]] = field(default_factory=lambda: NO_MAKE_UP)
     screens: list[Callable[[Float, dict[str, npt.NDArray[Any]]], Float]] = field(default_factory=list)
     groomed: bool = False
-    hair_top: float | None = None
+    hides: Hides | None = None
 
     def screen(self, light: Float, truth: dict[str, npt.NDArray[Any]]) -> Float:
         """Put flat things before the face; the truth is changed in place."""
@@ -94,7 +100,8 @@ def dress(
         meshes: styles of the wardrobe of which one is worn in place of a groom; none for grooms.
         only: of what hides skin only this one of ``INTRUDERS``, or "nothing"; None: as it comes. With it nobody has a
             beard, make-up or earrings: the albedo is the skin's own.
-        hidden: whether masks, hands and flat things hide as many faces as they may; else they hide a third of these.
+        hidden: whether masks, hands and flat things hide as many faces as they may; else, in pictures that show all of
+            the hair, they hide a third of these, and hats are worn twice as often.
 
     Raises:
         ValueError: ``only`` is none of them.
@@ -105,13 +112,11 @@ def dress(
     still, moving = person.neutral - wardrobe.fitted_head, person.vertices - wardrobe.fitted_head
     colour = tuple(float(x) for x in hair)
     if only is None:
-        top = _head_wear(s, out, person, wardrobe)
-        out.groomed = top != "all" and s.chance(GROOMED)
-        out.hair_top = top if isinstance(top, float) else None
+        out.groomed = _head_wear(s, out, person, wardrobe, 1.0 if hidden else 2.0) and s.chance(GROOMED)
     out.groomed |= only == "hair"
     if meshes and out.groomed:
         out.groomed = False
-        out.meshes += _mesh_hair(s, meshes, person, wardrobe, colour, out.hair_top)
+        out.meshes += _mesh_hair(s, meshes, person, wardrobe, colour, out.hides)
     if person.skin % 4 == 0 and s.chance(0.95):  # the other skins have brows of their own
         item = wardrobe.items[_pick(s, wardrobe.names("brow"))]
         out.meshes.append(card(item, "brow", moving, labels.BROW, shadows=False, only_label=True,
@@ -130,8 +135,10 @@ def dress(
         plain = tuple(float(x) for x in s.uniform(0.02, 0.8, 3) ** 1.5)
         out.meshes.append(card(item, "cloth", still, labels.CLOTH, shadows=False,
                                uniforms={"tone": (*tint, float(s.chance(0.6))), "colour": plain}))  # fmt: skip
+    if only is None and s.chance(NECK_SCARF):
+        out.meshes += neck_scarf(s, person.neutral)
     if only == "cap":
-        out.meshes.append(cap(s, person.neutral)[0])
+        out.meshes += beanie(s, person.neutral).meshes
     if only == "glasses" or (only is None and s.chance(0.25)):
         out.meshes += glasses(seed, person.vertices, light_level)
     if only == "hand":
@@ -158,35 +165,36 @@ def _cloth(s: Stream, male: bool, wardrobe: Items) -> str:
     return _pick(s, names if s.chance(0.25) else own)
 
 
-def _head_wear(s: Stream, out: Outfit, person: Person, wardrobe: Items) -> float | str | None:
-    """A hat, cap or scarf; what of the hair it hides: all, that above a height (metres), or nothing."""
-    kind = s.one()
-    if kind < 0.06:
+def _head_wear(s: Stream, out: Outfit, person: Person, wardrobe: Items, often: float) -> bool:
+    """A hat, cap or scarf, ``often`` times as often as usual; whether hair may be seen beside it."""
+    kind = s.one() / often
+    if kind < FEDORA:
         item = wardrobe.items[_pick(s, wardrobe.names("hat"))]
         tint = tuple(float(x) for x in np.exp(s.normal(-0.3, 0.5, 3)))
         out.meshes.append(card(item, "cloth", person.neutral - wardrobe.fitted_head, labels.HAT,
                                uniforms={"tone": (*tint, 1.0)}))  # fmt: skip
-        return float(np.quantile(out.meshes[-1].position[:, 1], 0.15))
-    if kind < 0.11:
-        mesh, rim = cap(s, person.neutral)
-        out.meshes.append(mesh)
-        return rim
-    if kind < 0.15:
-        out.meshes.append(scarf(s, person.neutral))
-        return "all"
-    return None
+        rim = float(np.quantile(out.meshes[-1].position[:, 1], 0.15))
+        out.hides = lambda points: points[:, 1] > rim
+        return True
+    for kinds, make in ((BEANIE, beanie), (HAT, hat), (HEADSCARF, headscarf)):
+        if kind < kinds:
+            worn = make(s, person.neutral)
+            out.meshes += worn.meshes
+            out.hides = worn.hides
+            return worn.hides is not None
+    return True
 
 
 def _mesh_hair(
-    s: Stream, names: tuple[str, ...], person: Person, wardrobe: Items, colour: tuple[float, ...], top: float | None
+    s: Stream, names: tuple[str, ...], person: Person, wardrobe: Items, colour: tuple[float, ...],
+    hides: Hides | None,
 ) -> list[Mesh]:
     """One of some meshes of the wardrobe, without what a hat hides."""
     item = wardrobe.items["hair/" + _pick(s, list(names))]
     mesh = card(item, "hair", person.neutral - wardrobe.fitted_head, labels.HAIR,
                 uniforms={"colour": colour, "cutoff": s.one(0.3, 0.6)})  # fmt: skip
-    if top is not None:
-        below = mesh.position[:, 1] < top
-        mesh.triangles = np.ascontiguousarray(mesh.triangles[below[mesh.triangles].all(1)])
+    if hides is not None:
+        mesh.triangles = np.ascontiguousarray(mesh.triangles[~hides(mesh.position)[mesh.triangles].any(1)])
     return [mesh] if len(mesh.triangles) else []
 
 

@@ -132,7 +132,7 @@ def portrait(
     }
     for mesh in scene:  # a uniform that one mesh sets must not stay for the next
         mesh.uniforms = {**{k: shared[k] for k in _OWN}, **mesh.uniforms}
-    strands = None if worn is None else Strands(r.gl, r.strand_programs, worn, light, outfit.hair_top)
+    strands = None if worn is None else Strands(r.gl, r.strand_programs, worn, light, outfit.hides)
     loaded = r.load(scene)
     try:
         add_ambient(scene, r.depths(scene, loaded, ambient_matrices(), AMBIENT_SIZE, shared, strands), light)

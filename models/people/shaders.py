@@ -7,6 +7,7 @@ from __future__ import annotations
 
 KINDS = {
     "skin": 0, "eye": 1, "mouth": 2, "hair": 3, "cloth": 4, "plain": 5, "lens": 6, "fur": 7, "brow": 8, "lash": 9,
+    "knit": 10,
 }  # fmt: skip
 """Materials; the shaders branch on these numbers."""
 
@@ -55,6 +56,7 @@ float bearded() {            // cover by strands at this point of the skin
 bool holed() {               // whether a card or fur is not there
   if (kind == 3) return texture(picture, t.xy).a < cutoff;
   if (kind == 8 || kind == 9) return texture(picture, t.xy).r < cutoff * faint;
+  if (kind == 10) return t.z < -0.001;
   if (kind == 4) return t.z < -0.001 || texture(picture, t.xy).a < 0.5;
   if (kind == 7) {
     vec2 place = texture(places, t.xy).xy;
@@ -83,6 +85,9 @@ uniform sampler2D iris; uniform vec4 eyeLook;  // pupil scale, redness, brightne
 uniform sampler2D made;      // places of make-up: upper lids, edges of the lids, cheeks, brows
 uniform vec4 lipPaint; uniform vec4 lidPaint;  // linear RGB and strength
 uniform vec4 facePaint;      // line round the eyes, rouge, plucked brows, foundation
+uniform vec4 knit;           // of wool and felt: ribs around, rows a metre, how deep, stripes a metre
+uniform vec2 band;           // heights between which there is a ribbon
+uniform vec3 stripe;         // colour of ribbon and stripes
 uniform float graininess;
 out vec4 result;
 
@@ -123,7 +128,7 @@ float lobe(vec3 N, vec3 V, vec3 L, float alpha, float f0) {
 void main() {
   if (holed()) discard;
   vec3 V = normalize(eye - p), N = normalize(n + vec3(0.0, 0.0, 1e-9));
-  if (kind == 3 || kind == 4 || kind == 5 || kind == 6 || kind == 8 || kind == 9) { if (dot(N, V) < 0.0) N = -N; }
+  if (kind > 2 && kind != 7 && dot(N, V) < 0.0) N = -N;
   vec3 albedo = colour; vec3 wrap = vec3(0.0); vec4 shine = gloss;
   vec3 S = N;                // normal of the reflection
   float wet = 1.0;
@@ -171,6 +176,13 @@ void main() {
   } else if (kind == 4) {
     vec3 worn = linear(texture(picture, t.xy).rgb);
     albedo = mix(colour, worn, tone.w) * tone.rgb; shine = vec4(0.6, 0.8, 0.5, 0.3);
+  } else if (kind == 10) {
+    float rib = 0.5 + 0.5 * cos(6.2832 * t.x * knit.x), row = 0.5 + 0.5 * cos(6.2832 * t.y * knit.y + 3.0 * rib);
+    float yarn = mix(rib, rib * row, 0.5) * (0.8 + 0.4 * blob(t.xy * vec2(2.0 * knit.x, knit.y)));
+    bool other = (t.y > band.x && t.y < band.y) || (knit.w > 0.0 && fract(t.y * knit.w) < 0.4);
+    albedo = (other ? stripe : colour) * mix(1.0, 0.45 + 0.75 * yarn, knit.z);
+    albedo *= 0.9 + 0.2 * blob(t.xy * vec2(300.0, 800.0));
+    wrap = vec3(0.15); shine = vec4(0.6, 0.8, 0.5, 0.2);
   } else if (kind == 7) {
     albedo = colour * mix(0.45, 1.3, level) * (0.7 + 0.6 * blob(t.xy * 500.0));
     wrap = vec3(0.25); shine = vec4(0.4, 0.6, 0.5, 0.4);

@@ -1,4 +1,4 @@
-"""Things that lie on the head like a second skin: caps, scarves, masks, and fur for beards and short hair."""
+"""Things that lie on the head like a second skin: cloth, masks, and fur for beards and short hair."""
 
 from __future__ import annotations
 
@@ -59,29 +59,12 @@ def shell(vertices: Float, value: Array, thickness: float, rounds: int, label: i
     )
 
 
-def _fabric(s: Stream, share: float) -> dict[str, object]:
+def fabric(s: Stream, share: float) -> dict[str, object]:
     """Uniforms of a piece of cloth: its colour and how much of the pattern shows."""
     colour = np.clip(s.uniform(0.02, 0.8, 3) ** 1.6, 0.01, 0.8)
     if s.chance(0.5):
         colour = np.full(3, colour.mean()) * np.exp(s.normal(0, 0.1, 3))
     return {"colour": tuple(float(c) for c in colour), "tone": (1.0, 1.0, 1.0, share)}
-
-
-def cap(s: Stream, vertices: Float) -> tuple[Mesh, float]:
-    """A knitted cap, and the height of its rim at the forehead (metres): hair above is hidden."""
-    p = the_head().mean.astype(np.float64)
-    rim = s.one(0.035, 0.07)
-    value = p[:, 1] - rim + s.one(0.25, 0.6) * np.maximum(0.0, 0.02 - p[:, 2])  # lower behind
-    return shell(vertices, value * 20.0, s.one(0.003, 0.009), 12, labels.HAT, _fabric(s, 0.0)), rim
-
-
-def scarf(s: Stream, vertices: Float) -> Mesh:
-    """A headscarf or hood: all but the face."""
-    p = the_head().mean.astype(np.float64)
-    wide, high, middle = s.one(0.062, 0.074), s.one(0.085, 0.105), s.one(-0.045, -0.03)
-    oval = np.sqrt((p[:, 0] / wide) ** 2 + ((p[:, 1] - middle) / high) ** 2) - 1.0
-    value = np.maximum(oval, (-0.035 - p[:, 2]) * 20.0)
-    return shell(vertices, value, s.one(0.004, 0.012), 30, labels.CLOTH, _fabric(s, 0.0))
 
 
 def mask(s: Stream, vertices: Float) -> list[Mesh]:
@@ -93,7 +76,7 @@ def mask(s: Stream, vertices: Float) -> list[Mesh]:
     upper = top - 0.35 * np.abs(p[:, 0]) - p[:, 1]
     value = np.minimum(np.minimum(upper, p[:, 1] - low + 0.15 * np.abs(p[:, 0])), wide - np.abs(p[:, 0])) * 20.0
     value = np.minimum(value, (p[:, 2] + 0.06) * 20.0)
-    look = _fabric(s, 0.0)
+    look = fabric(s, 0.0)
     if s.chance(0.5):
         look["colour"] = (0.35, 0.55, 0.65) if s.chance(0.5) else (0.75, 0.75, 0.75)
     covered = shell(vertices, value, s.one(0.003, 0.007), 80, labels.OTHER, look)

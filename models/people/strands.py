@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +29,8 @@ from service.hair.style import Parting, Style
 from service.light.environment import flux_by_direction, spread_directions
 
 Float = npt.NDArray[np.float32]
+Hides = Callable[[Float], npt.NDArray[np.bool_]]
+"""Which of points (N, 3), metres on the head, lie under a hat."""
 
 SHARED = 3
 """People who wear one groom, if they are of one sex."""
@@ -170,14 +172,13 @@ def vertices_of(worn: WornGroom, light: Light) -> Float:
     return np.ascontiguousarray(np.concatenate(rows, 1), np.float32)
 
 
-def lines(strands: Float, top: float | None, every: int = 1) -> npt.NDArray[np.int32]:
-    """(L, 2) int32 pairs of rows of :func:`vertices_of`; none above a hat's rim at ``top`` (metres)."""
+def lines(strands: Float, hides: Hides | None, every: int = 1) -> npt.NDArray[np.int32]:
+    """(L, 2) int32 pairs of rows of :func:`vertices_of`; none under a hat."""
     count, points = strands.shape[:2]
     first = np.arange(0, count, every)[:, None] * points + np.arange(points - 1)
     pairs = np.stack([first, first + 1], -1).reshape(-1, 2)
-    if top is not None:
-        below = strands.reshape(-1, 3)[:, 1] < top
-        pairs = pairs[below[pairs].all(1)]
+    if hides is not None:
+        pairs = pairs[~hides(strands.reshape(-1, 3))[pairs].any(1)]
     return np.ascontiguousarray(pairs, np.int32)
 
 
@@ -188,16 +189,16 @@ class Strands:
 
     Args:
         gl: context of moderngl.
-        worn: hair; light: of the portrait; top: height of a hat's rim in metres, above which no hair is drawn.
+        worn: hair; light: of the portrait; hides: where a hat hides it.
     """
 
-    def __init__(self, gl: Any, programs: dict[str, Any], worn: WornGroom, light: Light, top: float | None) -> None:
+    def __init__(self, gl: Any, programs: dict[str, Any], worn: WornGroom, light: Light, hides: Hides | None) -> None:
         self.gl, self.programs, self.gloss = gl, programs, worn.gloss
-        index = lines(worn.strands, top)
+        index = lines(worn.strands, hides)
         self.empty = not len(index)
         if self.empty:
             return
-        few = lines(worn.strands, top, CAST)
+        few = lines(worn.strands, hides, CAST)
         vertices = gl.buffer(vertices_of(worn, light).tobytes())
         all_, cast = gl.buffer(index.tobytes()), gl.buffer((few if len(few) else index[:1]).tobytes())
         own = [(vertices, *_layout(programs["draw"]))]
