@@ -215,3 +215,22 @@ def test_an_order_is_one_shard_and_orders_meet_all_seeds(
     shards.draw_order(whole[f"people-{SIZE}-00000010-54.npz"] | {"seed": 5, "count": 2}, tmp_path / "people.npz")
     assert made == [5, 6]
     assert not list(tmp_path.glob("*.part"))
+
+
+@pytest.mark.parametrize("kind", ["BEANIE", "HAT"])
+def test_a_hat_hides_the_hair_under_it_and_is_none_itself(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Caps and black hats were read as hair: people wore too few of them, all alike."""
+    plainly(monkeypatch)
+    order = ["FEDORA", "BEANIE", "HAT", "HEADSCARF"]
+    for name in order:
+        monkeypatch.setattr(f"models.people.dress.{name}", float(order.index(name) >= order.index(kind)))
+    shown, hats = [], set()
+    for seed in SEEDS:
+        made = portrait(seed, SIZE, framing="hair")
+        hat = made.part == labels.HAT
+        shown.append(hat.mean())
+        if hat.sum() > 50:
+            assert (made.hair[hat] > 0.5).mean() < 0.25, "hair lies over the hat"
+            hats.add(tuple((made.image[hat].mean(0) // 32).astype(int)))
+    assert np.median(shown) > 0.03 and max(shown) < 0.6
+    assert len(hats) > 4, "they are of many colours"
