@@ -186,7 +186,11 @@ def _head_wear(s: Stream, out: Outfit, person: Person, wardrobe: Items, often: f
 
 
 def _mesh_hair(
-    s: Stream, names: tuple[str, ...], person: Person, wardrobe: Items, colour: tuple[float, ...],
+    s: Stream,
+    names: tuple[str, ...],
+    person: Person,
+    wardrobe: Items,
+    colour: tuple[float, ...],
     hides: Hides | None,
 ) -> list[Mesh]:
     """One of some meshes of the wardrobe, without what a hat hides."""

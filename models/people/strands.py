@@ -184,6 +184,7 @@ def lines(strands: Float, hides: Hides | None, every: int = 1) -> npt.NDArray[np
 
 FIELDS = "3f 3f 3f 3f 4f 3f", ("position", "tangent", "outward", "albedo", "lit", "sky")
 
+
 class Strands:
     """Lines on the card.
 
