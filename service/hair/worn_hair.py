@@ -112,7 +112,9 @@ def hair_in_albedo(
         own = (1 - doubt) * own + doubt * as_absorbed(own, dyed_from=np.inf).linear(KNOTS)
         unlit_colour = as_absorbed(own, dyed_from=0.0)
     else:
-        unlit_colour = as_absorbed(own, dyed_from=np.inf if brown else DYED, redder=True)
+        # Redder than melanin only as the photo shows it so: what is mirrored has been taken off, which reddens.
+        redder = bool(groom.colour.dye.any())
+        unlit_colour = as_absorbed(own, dyed_from=np.inf if brown else DYED, redder=redder)
     made = replace(unlit_colour, measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.
