@@ -38,6 +38,8 @@ DYED, DYED_DARK, DARK = 0.4, 2.0, 0.02
 """Spread over the channels of the logarithm of melanin's colour over the hair's, from which on no melanin explains it:
 less is the photo's white balance. By so much more in black hair, which mirrors sky, and the luminance at which 1/e of
 that is left."""
+COPPER = 0.1
+"""The same of green over red from which on warm hair is redder than melanin."""
 NEUTRAL = 0.45
 """Saturation (1 - min / max of linear RGB) below which hair without melanin's colour is grey, not dyed."""
 KNOTS = 8
@@ -185,7 +187,7 @@ def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, redder: bool = Fa
         left = np.log((nearest + SHINE) / (shown + SHINE))
         bright = float(luma(shown))
         far = float(left.max() - left.min()) > dyed_from + DYED_DARK * np.exp(-bright / DARK)
-        copper = redder and is_warm(shown) and left[1] > left[0]
+        copper = redder and is_warm(shown) and left[1] - left[0] > COPPER
         if copper and not far:  # no less yellow than melanin: that would be the sky
             usual[2] = max(usual[2], float((amount @ PIGMENTS)[2]))
         if far or copper:
