@@ -50,7 +50,11 @@ def beanie(s: Stream, vertices: Float) -> HeadWear:
     """A knitted cap: tight or slack, its rim turned up or not, ribbed, striped, with a bobble now and then."""
     p = the_head().mean.astype(np.float64)
     rim, behind, thick = s.one(0.02, 0.085), s.one(0.25, 0.9), s.one(0.003, 0.008)
-    above = p[:, 1] - rim + behind * np.maximum(0.0, 0.02 - p[:, 2])  # lower behind
+
+    def over_rim(points: npt.NDArray[np.floating]) -> Array:
+        return np.asarray(points[:, 1] - rim + behind * np.maximum(0.0, 0.02 - points[:, 2]))  # lower behind
+
+    above = over_rim(p)
     look = _knitted(s)
     slack, fold = s.one(0.0, 0.03) * s.chance(0.6), s.one(0.03, 0.07) * s.chance(0.55)
     crown = np.clip((above - 0.03) / 0.09, 0.0, 1.0)
@@ -67,11 +71,7 @@ def beanie(s: Stream, vertices: Float) -> HeadWear:
     if s.chance(0.25):
         top = body.position[int(body.position[:, 1].argmax())]
         meshes.append(_bobble(s, top, look))
-
-    def hides(points: Float) -> Bool:
-        return np.asarray(points[:, 1] > rim - behind * np.maximum(0.0, 0.02 - points[:, 2]))
-
-    return HeadWear(tuple(meshes), hides)
+    return HeadWear(tuple(meshes), lambda points: over_rim(points) > 0)
 
 
 def hat(s: Stream, vertices: Float) -> HeadWear:

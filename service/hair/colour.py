@@ -169,8 +169,7 @@ def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, redder: bool = Fa
     Args:
         colours: of the strands.
         dyed_from: how far from melanin's colours hair is dyed, as ``DYED``; 0 for grey hair, in which white hairs and
-            others together have a colour that no hair has alone; infinite where all of it is melanin; below 0 where
-            the colour is kept whatever it is.
+            others together have a colour that no hair has alone; infinite where all of it is melanin.
         redder: whether warm hair may be redder than melanin all the same, as copper is: the colours of real red hair
             lie beyond those that pheomelanin has here.
         shine: what they mirror, see :class:`HairColour`.
