@@ -25,7 +25,7 @@ from service.hair.groom import make_groom
 from service.hair.guides import grow_several, grown
 from service.hair.kinds import GATHERED, KINDS, kinds_of
 from service.hair.reading import CELLS, FINE, HairNetwork, HairReading, read_hair
-from service.hair.scalp import Scalp
+from service.hair.scalp import Scalp, length_of
 from service.hair.shape import fitted, seen_share, upright
 from service.hair.sight import SHOWS, Drawn, Sight, overlap
 from service.hair.style import LENGTHS, NAMED, WAVES, Curl, Style, style_from_json
@@ -189,6 +189,8 @@ CONTRAST = 0.9
 """Least spread of brightness over strands, over that of the photo's pixels: means along strands are more alike."""
 AUBURN = 1.5
 """Red over blue from which on hair that is violet in the photo is auburn in a cold light."""
+COVERS_M, STUBBLE = 0.0035, 0.25
+"""Length at which all but 1/e of the skin is covered, and the least that hair has of its colour over skin."""
 USUAL_SPREAD = 0.16
 """Standard deviation of the logarithm of luminance from strand to strand, where none are seen."""
 LEAST_LIT = 0.6
@@ -245,12 +247,26 @@ def painted(
     level = np.minimum(level + np.log(arrives / float(np.exp(level).mean())), high)
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
     shown = np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9)))
+    shown *= _without_skin(np.median(shown.reshape(-1, 3), 0), strands, skin, np.exp(guess))
     red, green, blue = usual = np.median(shown.reshape(-1, 3), 0)
     if green < blue < red / AUBURN and luma(usual) > DARK:
         shown[..., 1:] = np.sqrt(shown[..., 1:2] * shown[..., 2:])
     elif is_warm(usual):  # nor are its brighter strands blue, which mirror the sky
         shown = np.minimum.accumulate(shown, -1)
     return as_absorbed(shown, redder=True, shine=SHINE)
+
+
+def _without_skin(usual: Float32, strands: Float32, skin: Float32, guess: Float32) -> Float32:
+    """(3,) factors on the colour of hair (3,), which skin (3,) shines through where it is short.
+
+    The shorter it is, the less do its pixels tell, and the more counts a guess (3,); all linear RGB.
+    """
+    length = float(np.median(length_of(strands))) if len(strands) else 0.0
+    cover = max(1 - np.exp(-length / COVERS_M), 1e-3)
+    left = (luma(usual) - (1 - cover) * luma(skin)) / (cover * max(float(luma(usual)), 1e-4))
+    alone = usual * max(float(left), STUBBLE)
+    told = 1 / (1 + ((1 - cover) / cover) ** 2)
+    return np.asarray(alone**told * guess ** (1 - told) / np.maximum(usual, 1e-4), np.float32)
 
 
 def _well_within(read: HairReading, photo: Photo) -> Bool:

@@ -48,6 +48,8 @@ RISES_M = 0.007
 NAPE_M = (-0.095, -0.06)
 """Heights in the head's frame up to which nothing grows on the nape, and from which on hair is full; fluff between."""
 
+NECK_M = -0.1
+"""Height in the head's frame where hair that hangs leaves the head."""
 BRIDGE_RAD = (0.5, 0.9)
 """Elevations between which hair thins out upwards where baldness of temples and crown have met: a horseshoe is left."""
 
@@ -259,7 +261,9 @@ class _Hanging:
         # What pins leave at the temples is a lock or two: it falls behind the shoulders with the rest.
         before = _forward(roots) & (rng.random(len(roots)) >= style.tucked) & (style.gather != "pinned")
         off_crown = np.linalg.norm(roots.position - CROWN, axis=1, keepdims=True)
-        astray = rng.normal(0, 0.7, (len(roots), 3)).astype(np.float32) * np.exp(-np.square(off_crown / 0.035))
+        # Long strands that stray would lie across all the others, or before the face.
+        strays = 0.7 - 0.6 * smoothstep(step * (GUIDE_POINTS - 1), 0.05, 0.12)
+        astray = strays * rng.normal(0, 1, (len(roots), 3)) * np.exp(-np.square(off_crown / 0.035))
         astray -= roots.normal * (astray * roots.normal).sum(1, keepdims=True)  # it whirls, it does not stand up
         return cls(
             front, rest, sides_of(style, roots), fringe, each(style.tucked)[:, 0], each(style.combing != "up")[:, 0],
@@ -283,6 +287,8 @@ class _Hanging:
             beside = smoothstep(far, 0.03, 0.05) * smoothstep(height, 0.06, 0.02) * smoothstep(depth, -0.10, -0.04)
             behind = np.array([0, -0.25, -1.2], np.float32)
             wish = wish + (3.0 * self.tucked * beside)[:, None] * (behind - 0.5 * wish)
+        # Where the skin faces backwards, no comb points out of it: without this, hair on the nape would stand up.
+        wish[:, 1] -= self.along * np.square(np.maximum(-oz, 0)) * np.maximum(-ahead, 0)
         wish = np.where(self.fringe[:, None], np.array([0, -0.6, 1], np.float32) + 0.25 * wish, wish)
         return unit(wish - outwards * ((wish * outwards).sum(1) * self.along)[:, None])
 
@@ -343,13 +349,19 @@ def _before_face(points: Float32) -> Float32:
 
 
 def _cut(style: Style, guides: Float32, rng: np.random.Generator) -> Float32:
-    """Guides that end where they first fall below the height of the cut; the rest keep their length."""
+    """Guides that end where they first fall below the height of the cut, or would if they hung straight down from
+    there on where the neck begins: hair on shoulders is no longer than the rest. Others keep their length.
+    """
     if style.cut_y is None:
         return guides
+    gone, low = gone_along(guides), guides[..., 1] < NECK_M
+    start = np.where(low.any(1), low.argmax(1), GUIDE_POINTS - 1)[:, None]
+    hung = np.take_along_axis(guides[..., 1], start, 1) - (gone - np.take_along_axis(gone, start, 1))
+    heights = np.where(low, np.minimum(guides[..., 1], hung), guides[..., 1])
     reach = -style.cut_y + 0.05
     height = style.cut_y + rng.normal(0, CUT_SPREAD_M, len(guides))
     height = height + style.layers * reach * 0.33 * rng.random(len(guides))
-    below = guides[..., 1] < height[:, None]
+    below = heights < height[:, None]
     first = np.where(below.any(1), below.argmax(1), GUIDE_POINTS - 1)
     ends = np.clip(first, 2, GUIDE_POINTS - 1).astype(np.float32)
     return resampled(guides, np.asarray(ends / (GUIDE_POINTS - 1), np.float32), GUIDE_POINTS)

@@ -167,15 +167,16 @@ def mirrored(colour: Float32) -> float:
     return float(AMOUNTS[int(cost.argmin())])
 
 
-GREYED = 0.1, NEUTRAL
-"""Luminance from which on hair is grey, and its saturation, 1 - min / max, up to which it is: brown as fair as this has
-0.75, and blond 0.6."""
+GREYED = (0.06, 0.1), NEUTRAL
+"""Luminances from which on hair without any hue is grey, and hair of the saturation, 1 - min / max, up to which it is:
+brown as fair as the latter has 0.75, and blond 0.6."""
 
 
 def greyed(albedo: Float32) -> bool:
     """Whether hair of a linear albedo (3,) is grey: it has the colour of melanin, and of strands that have lost it."""
-    level, saturation = GREYED
-    return bool(luma(albedo) > level and 1 - albedo.min() / max(float(albedo.max()), 1e-6) < saturation)
+    (none, most), saturation = GREYED
+    hue = (1 - albedo.min() / max(float(albedo.max()), 1e-6)) / saturation
+    return bool(hue < 1 and luma(albedo) > none + (most - none) * hue)
 
 
 LIGHT_HUE, HAIR_HUE = (0.1, 0.35), 0.35

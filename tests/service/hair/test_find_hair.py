@@ -17,7 +17,7 @@ from service.face.region import Region
 from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
 from service.hair.bank import kind_of, match, mirrored, read_bank
 from service.hair.colour import COLOURS, KNOTS, SHINE, as_absorbed, asked_colour
-from service.hair.find_hair import Tried, candidates, choose, grow_hair, painted, see_hair
+from service.hair.find_hair import COVERS_M, Tried, candidates, choose, grow_hair, painted, see_hair
 from service.hair.groom import make_groom
 from service.hair.kinds import LENGTHS
 from service.hair.outline import to_outline
@@ -304,6 +304,20 @@ def test_auburn_in_a_cold_shade_is_no_black(shown: tuple[float, float, float], r
     assert bool(usual[0] > 2.3 * usual[1] and luma(usual) > 0.01) is red, usual
 
 
+def test_skin_that_shines_through_short_hair_is_not_its_colour() -> None:
+    """Black hair of four millimetres came out in the brown of skin and hair together."""
+    seen, skin = photographed(NAMED["bob"], 3, HEAD), np.array([0.4, 0.2, 0.12], np.float32)
+    black = np.array([0.02, 0.014, 0.01], np.float32)
+    share, found = np.ones(len(seen.groom), np.float32), []
+    for length_m in (0.004, 0.06):
+        down = np.linspace(0, length_m, 32)[:, None] * np.array([0, -1, 0])
+        strands = (seen.groom.strands[:, :1] + down).astype(np.float32)
+        shown = black + np.exp(-length_m / COVERS_M) * (skin - black)
+        colour = painted(picture_of(shown), seen.reading, seen.sight, strands, share, skin, 0)
+        found.append(luma(np.median(colour.linear().reshape(-1, 3), 0)) / luma(black))
+    assert 0.4 < found[0] < 2.5 and 0.7 < found[1] < 1.4, found
+
+
 def test_shadow_that_is_crushed_to_black_is_no_black_hair() -> None:
     """More than half of the auburn hair lies in it."""
     seen = photographed(NAMED["bob"], 3, HEAD)
@@ -419,6 +433,8 @@ def test_what_strands_mirror_is_not_in_their_albedo() -> None:
     assert luma(unlit([0.4, 0.33, 0.24])) > 0.3, "fair hair"
     grey = unlit([0.142, 0.124, 0.111])
     assert grey.min() > 0.65 * grey.max(), "grey hair, faintly warm: it came out light brown"
+    dark = unlit([0.127, 0.112, 0.1])
+    assert dark.min() > 0.6 * dark.max(), "short grey hair, without the skin between it: it came out tan"
     sky = unlit([0.154, 0.101, 0.082], (1.05, 1.33, 1.9))
     assert sky[0] >= sky[1] >= 0.99 * sky[2], "black hair in haze: it came out violet"
     assert luma(unlit([0.3, 0.28, 0.26])) > 0.25, "grey hair tells no highlight: it came out dark"

@@ -19,9 +19,9 @@ from service.hair.colour import (
     reflected,
 )
 from service.hair.groom import make_groom
-from service.hair.guides import grown
+from service.hair.guides import NECK_M, grow_several, grown
 from service.hair.scalp import mean_scalp
-from service.hair.style import NAMED, WAVES, Curl
+from service.hair.style import LENGTHS, NAMED, WAVES, Curl
 from service.head.files import load_head
 
 COUNT = 600
@@ -117,6 +117,25 @@ def test_no_parting_runs_down_the_back(style: str, parting: str) -> None:
     assert count.min() > 0.25 * np.median(count), count
     face = (np.abs(points[:, 0]) < 0.03) & (points[:, 2] > 0) & (np.abs(points[:, 1] + 0.05) < 0.04)
     assert face.mean() < 1e-3, "nor is what grows behind blended across the face"
+
+
+def test_hair_that_is_combed_back_hangs_down_the_nape() -> None:
+    """It stood out from the back of the head, and fell in a loop behind the neck."""
+    style = dataclasses.replace(NAMED["long_wavy"], combing="back", lift=0.57, stiffness=0.62, volume_mm=9.4)
+    style, rng, skin = dataclasses.replace(style, back_mm=540.0, cut_y=-0.26), np.random.default_rng(1), mean_scalp()
+    roots = grown(skin.even.chosen(np.arange(600)), style, rng)
+    points = grow_several([(style, roots, rng)], skin)[0]
+    low = points[(np.abs(roots.azimuth) > 2.4) & (np.abs(roots.position[:, 1] + 0.02) < 0.02)]
+    assert len(low) > 20 and np.quantile((low[:, :1, 2] - low[..., 2]).max(1), 0.9) < 0.06
+
+
+def test_hair_on_shoulders_is_no_longer_than_the_rest() -> None:
+    """What met the shoulders ran out along them: it was cut at a height only, and they are higher."""
+    worn = dataclasses.replace(NAMED["bob"], cut_y=(cut := -0.2), curl="1", frizz_mm=0.0, flyaways=0.0, layers=0.0)
+    worn = worn.scaled(2.5, *LENGTHS)
+    points = make_groom(worn, 5, 1500).strands
+    below = np.linalg.norm(np.diff(points, axis=1), axis=2) * (points[:, 1:, 1] < NECK_M)
+    assert np.quantile(below.sum(1), 0.98) < NECK_M - cut + 0.03
 
 
 def test_melanin_is_found_again_from_its_colour() -> None:
