@@ -304,6 +304,19 @@ def test_auburn_in_a_cold_shade_is_no_black(shown: tuple[float, float, float], r
     assert bool(usual[0] > 2.3 * usual[1] and luma(usual) > 0.01) is red, usual
 
 
+def test_black_hair_with_a_green_sheen_is_not_brown() -> None:
+    """What it mirrors was taken for the colour of melanin, the brighter the more it mirrors: it came out golden."""
+    seen = photographed(NAMED["bob"], 3, HEAD)
+    share = np.ones(len(seen.groom), np.float32)
+    pixels = picture_of(np.array([0.02, 0.025, 0.023], np.float32))
+    found = painted(pixels, seen.reading, seen.sight, seen.groom.strands, share, USUAL_SKIN, 0)
+    usual = np.median(found.linear().reshape(-1, 3), 0)
+    assert usual[2] > 0.55 * usual[0], usual
+    worn = WornHair(dataclasses.replace(seen.groom, colour=found), "bob", {}, share, in_photo_light=True)
+    made = hair_in_albedo(worn, (), np.ones(3, np.float32))[0].groom
+    assert made is not None and luma(np.median(made.colour.linear().reshape(-1, 3), 0)) < 0.009
+
+
 def test_skin_that_shines_through_short_hair_is_not_its_colour() -> None:
     """Black hair of four millimetres came out in the brown of skin and hair together."""
     seen, skin = photographed(NAMED["bob"], 3, HEAD), np.array([0.4, 0.2, 0.12], np.float32)
