@@ -108,7 +108,8 @@ def _fringe(roots: Roots) -> Bool:
     return np.asarray((np.abs(roots.azimuth) < SIDES_RAD) & (roots.elevation < 1.0))
 
 
-def _has_fringe(style: Style) -> bool:
+def has_fringe(style: Style) -> bool:
+    """Whether hair over the forehead is a fringe, cut shorter than the rest."""
     return style.fringe_mm < min(SHORT_FRINGE * style.top_mm, FRINGE_MM)
 
 
@@ -143,7 +144,7 @@ def groups(style: Style, roots: Roots) -> Int64:
         parted & split,
         _tied(style, roots) & (style.gather != "none"),
         _forward(roots) & (longest > 200) & (style.gather in LOOSE),
-        _fringe(roots) & _has_fringe(style),
+        _fringe(roots) & has_fringe(style),
     )
     return sum((part.astype(np.int64) << bit for bit, part in enumerate(parts)), np.zeros(len(roots), np.int64))
 
@@ -247,7 +248,7 @@ class _Hanging:
         front, rest = (np.tile(np.array(weights, np.float32), (len(roots), 1)) for weights in _COMBED[style.combing])
         if style.parting != "none" and style.combing in ("natural", "forward"):
             front[:, 0] += 0.8
-        fringe = _fringe(roots) & (style.combing == "forward" or _has_fringe(style))
+        fringe = _fringe(roots) & (style.combing == "forward" or has_fringe(style))
         step = np.asarray(length / (GUIDE_POINTS - 1), np.float32)[:, None]
         # Hair from higher up lies over hair from below, so the body of hair gets its thickness.
         layer = 0.25 + 0.75 * smoothstep(roots.elevation, -0.6, 1.2)

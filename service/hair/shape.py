@@ -15,7 +15,7 @@ from service.arrays import Bool, Float32
 from service.geometry.mesh import unit
 from service.geometry.nearest import Nearest
 from service.hair.groom import Groom, make_groom
-from service.hair.guides import CLEARANCE_M, DOWN, Combing, bridge, met, recedes, resampled
+from service.hair.guides import CLEARANCE_M, DOWN, Combing, bridge, has_fringe, met, recedes, resampled
 from service.hair.outline import to_outline
 from service.hair.reading import CELLS
 from service.hair.scalp import CROWN, Scalp, gone_along, length_of
@@ -181,6 +181,46 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     kept = (share >= LEAST_LEFT) | ~cut
     made = resampled(strands, np.asarray(np.clip(share * uneven, 0.05, 1), np.float32), points)
     return made, np.asarray(kept)
+
+
+STUMP, STUMP_OF_M, BESIDE = 0.75, 0.08, 12
+"""Share of its length, of more than this, from which on a strand that is cut over the face is no stump, and how many
+whole strands beside a stump are tried in its place."""
+
+
+def without_stumps(
+    whole: Float32, cut: Float32, kept: Bool, sight: Sight, skin: Scalp
+) -> tuple[Float32, Bool]:  # fmt: skip
+    """Strands (N, P, 3), and which are left (N,), without stumps over the face: hair without a fringe does not end there.
+
+    Each runs as the nearest that is whole and would not cross the face from its root either; else it goes.
+
+    Args:
+        whole: (N, P, 3) metres before they were ``cut`` (N, P, 3).
+        kept: (N,) what was left of them.
+        sight: the photo.
+        skin: of the fitted head.
+    """
+    cell, _ = sight.visible(*sight.project(cut[:, -1]))
+    length = length_of(whole)
+    short = (length_of(cut) < STUMP * length) & (length > STUMP_OF_M)
+    stump = kept & short & np.isfinite(sight.behind)[cell] & (cut[:, -1, 1] > HANGS_BELOW_M)
+    like = np.flatnonzero(kept & ~stump & (length_of(cut) > STUMP_OF_M))
+    if not stump.any() or len(like) < BESIDE:
+        return cut, kept
+    left, made, bare = np.flatnonzero(stump), cut.copy(), _without_hair(sight)
+    near = Nearest(cut[like, 0])(cut[left, 0], BESIDE)[1]
+    for k in range(BESIDE):
+        other = cut[like[near[:, k]]]
+        tried = np.asarray(other - other[:, :1] + cut[left, :1], np.float32)
+        tried[:, 1:] = skin.pushed(tried[:, 1:], CLEARANCE_M)
+        at, seen = sight.visible(*sight.project(tried[:, 2:]))
+        free = ~(seen & bare[at] & np.isfinite(sight.behind)[at]).any(1)
+        made[left[free]] = tried[free]
+        left, near = left[~free], near[~free]
+    gone = np.zeros(len(kept), bool)
+    gone[left] = True
+    return made, kept & ~gone
 
 
 def _ends(height: Float32, hair: Float32) -> float:
@@ -361,9 +401,12 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     groom = dataclasses.replace(groom, strands=moved)
     for _ in range(FILLINGS):
         groom = filled(groom, sight, skin, rng)
-    moved, kept = trimmed(led_aside(groom.strands, sight, skin), sight, skin, rng)
+    led = led_aside(groom.strands, sight, skin)
+    moved, kept = trimmed(led, sight, skin, rng)
     root, seen = sight.visible(*sight.project(moved[:, 0]))
     kept |= ~(seen & _without_hair(sight)[root])  # not on bare skin
+    if style.gather == "none" and not has_fringe(style):
+        moved, kept = without_stumps(led, moved, kept, sight, skin)
     moved = np.concatenate([moved[:, :1], skin.over_ears.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)
     return groom, seen_share(groom.strands, sight)

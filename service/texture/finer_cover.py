@@ -32,12 +32,14 @@ NEAR = 0.03
 """How far hair is followed in a round, over the chart's width: 13 mm."""
 AROUND = 0.035
 """Standard deviation of what counts as beside a texel: 15 mm. Light varies over a head."""
-FOLLOWED = 3
-"""Rounds."""
+FOLLOWED = 8
+"""Most rounds."""
 LIKELIER = 1.5
 """Log odds of hair from which on a texel is hair."""
 LEAST_SPREAD = 0.04
 """Least standard deviation of colours, natural logarithm."""
+FEWEST, OUTLYING = 50, 5.0
+"""Fewest texels that tell a colour, and how many median deviations from it outliers begin."""
 LEAST_NEAR = 0.003
 """Least share of hair, and of skin, beside a texel that is asked."""
 RIM = 0.0035
@@ -81,18 +83,39 @@ def _followed(chart: Chart, colour: Float32, weight: Float32, parts: Float32, zo
 
     hair = mask((parts[:, HAIR] > SURE_HAIR) & (weight > 0))
     skin = mask((parts[:, SKIN] > SURE_SKIN) & (parts[:, HAIR] < NO_HAIR) & (weight > 0) & zones.skin)
+    # The reader takes a lock far from the rest for skin: its colours would be among those of the skin beside it.
+    odds = _of_all(values, hair) - _of_all(values, skin)
+    skin *= odds < LIKELIER
     reach = max(round(NEAR * chart.width), 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
     found = np.zeros_like(hair)
-    for _ in range(FOLLOWED):
+    for k in range(FOLLOWED):
         known = np.maximum(hair, found)
         beside = np.asarray(cv2.dilate(known, disc)) > 0.5
         like_hair, of_hair = _likeness(values, known, AROUND * chart.width)
         like_skin, of_skin = _likeness(values, skin * ~beside, AROUND * chart.width)
-        asked = beside & (of_hair > LEAST_NEAR) & (of_skin > LEAST_NEAR) & (shown[..., 3] > 0)
-        likelier = np.asarray(asked & (like_hair - like_skin > LIKELIER), np.uint8)
-        found = np.asarray(cv2.morphologyEx(likelier, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)), np.float32)
+        asked = beside & (of_hair > LEAST_NEAR) & (shown[..., 3] > 0)
+        own = np.where(of_skin > LEAST_NEAR, like_hair - like_skin, odds)
+        likelier = np.asarray(asked & (own > LIKELIER) & (odds > LIKELIER * max(k - 1, 1)), np.uint8)
+        more = np.asarray(cv2.morphologyEx(likelier, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)), np.float32)
+        if not (more > found).any():
+            break
+        found = np.maximum(found, more)
     return found
+
+
+def _of_all(values: Float32, chosen: Float32) -> Float32:
+    """(h, w) log likelihood of values (h, w, 3) among all the chosen ones; 0 where there are too few of them."""
+    own = values[chosen > 0.5]
+    if len(own) < FEWEST:
+        return np.zeros(chosen.shape, np.float32)
+    middle = np.median(own, 0)
+    near = np.abs(own - middle)
+    own = own[(near <= OUTLYING * np.maximum(np.median(near, 0), LEAST_SPREAD)).all(1)]
+    cov = np.cov(own.T) + LEAST_SPREAD**2 * np.eye(3)
+    off = values - middle
+    distance = np.einsum("hwi,ij,hwj->hw", off, np.linalg.inv(cov), off, optimize=True)
+    return np.asarray(-0.5 * distance - 0.5 * np.linalg.slogdet(cov)[1], np.float32)
 
 
 def _likeness(values: Float32, chosen: Float32, sigma: float) -> tuple[Float32, Float32]:
