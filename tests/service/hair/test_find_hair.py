@@ -22,7 +22,7 @@ from service.hair.groom import make_groom
 from service.hair.kinds import LENGTHS
 from service.hair.outline import to_outline
 from service.hair.reading import CELLS
-from service.hair.scalp import CENTRE, Scalp
+from service.hair.scalp import CENTRE, Scalp, length_of
 from service.hair.shape import (
     BUST_M,
     filled,
@@ -34,6 +34,7 @@ from service.hair.shape import (
     to_hairline,
     trimmed,
     upright,
+    without_stumps,
 )  # fmt: skip
 from service.hair.sight import Sight, overlap
 from service.hair.style import NAMED, Style, style_to_json
@@ -269,6 +270,27 @@ def test_strands_that_would_cross_the_face_run_along_its_hairline() -> None:
     bald = dataclasses.replace(seen.sight, hair=np.zeros_like(seen.sight.hair))
     np.testing.assert_array_equal(led_aside(over, bald, SKIN), over)  # no hair to lead it to
     assert not len(led_aside(over[:0], seen.sight, SKIN))
+
+
+def test_hair_without_a_fringe_does_not_end_over_the_face() -> None:
+    """Strands that were cut over a bare forehead were left as stumps: slabs stood over the hairline."""
+    seen = photographed(NAMED["bob"], 3, HEAD)
+    whole = seen.groom.strands
+    front = np.flatnonzero((whole[:, 0, 2] > 0.0) & (np.abs(whole[:, 0, 0]) < 0.06))[::3]
+    assert len(front) > 10
+    down = np.linspace(0, 0.14, whole.shape[1])[:, None] * np.array([0.0, -1.0, 0.15])
+    over = whole.copy()
+    over[front] = (whole[front, :1] + down).astype(np.float32)
+    over[front, 1:] = SKIN.pushed(over[front, 1:], 0.002)
+    cut, kept = trimmed(over, seen.sight, SKIN, np.random.default_rng(0))
+    stumps = length_of(cut[front]) < 0.1
+    assert stumps.mean() > 0.5
+    made, left = without_stumps(over, cut, kept | True, seen.sight, SKIN)
+    assert np.isfinite(made).all() and left.mean() > 0.95
+    ends = length_of(made[front])[stumps & left[front]]
+    assert (ends > 0.1).mean() > 0.9
+    none = without_stumps(over[:0], cut[:0], kept[:0], seen.sight, SKIN)
+    assert len(none[0]) == len(none[1]) == 0
 
 
 @pytest.mark.parametrize("name", ["brown", "blond", "red"])

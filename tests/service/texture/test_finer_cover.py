@@ -54,6 +54,18 @@ def test_a_lock_is_followed_beyond_what_was_read(sure: float) -> None:
     assert cover[cheek].mean() < 0.02
 
 
+def test_a_wide_lock_that_was_read_as_skin_is_no_skin() -> None:
+    """Its own colour was among those of the skin beside it: it stayed as a brown stain, on the other cheek as well."""
+    lock = (np.abs(COLUMN - 205) < 16) & (ROW > 80) & (ROW < 200)
+    hairy = (ROW < 60) | (lock & READ)
+    shade = 1 - 0.35 * np.clip((COLUMN - 280) / 80, 0, 1)[:, None]  # the other side is in the dark
+    colour = np.where((hairy | lock)[:, None], HAIR_TONE * 0.6, TONE * shade).astype(np.float32)
+    cover = finer_cover(CHART, seen(colour), parts(**{f"p{HAIR}": 0.95 * hairy}), ZONES)
+    own = ZONES.skin & (ZONES.hidden < 0.1)
+    assert cover[lock & own & (ROW > 112) & (ROW < 190)].mean() > 0.9
+    assert cover[own & (COLUMN > 235) & (ROW > 120) & (ROW < 190)].mean() < 0.01
+
+
 def test_rims_are_found_where_glasses_are_worn() -> None:
     rim = (np.abs(ROW - 172) < 2) & (np.abs(COLUMN - 288) < 80)
     around = (np.abs(ROW - 165) < 25) & (np.abs(COLUMN - 288) < 90)
