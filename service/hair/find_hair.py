@@ -22,7 +22,7 @@ from service.hair.asked import NONE, AskedHair
 from service.hair.bank import UNLIKELY, Bank, Matches, kind_of, match, read_bank
 from service.hair.colour import DARK, KNOTS, SHINE, HairColour, as_absorbed, asked_colour, is_warm
 from service.hair.groom import make_groom
-from service.hair.guides import grow_several, grown
+from service.hair.guides import grow_several, grown, has_fringe
 from service.hair.kinds import GATHERED, KINDS, kinds_of
 from service.hair.reading import CELLS, FINE, HairNetwork, HairReading, read_hair
 from service.hair.scalp import Scalp, length_of
@@ -333,6 +333,8 @@ ANGLE = 0.12
 KIND, OF_KIND = 0.1, 0.05
 """Weights of the reading's doubt about length and gathering, and of the doubt about its kind that all styles of the
 bank together leave, minus the logarithm of the probability: a kind wins, and no single style by luck."""
+LEAST_FRINGE_MM = 40.0
+"""Shortest fringe of hair that is more than twice as long."""
 KEEP = 0.004
 """Gain below which a number stays as the bank has it."""
 _LENGTH, _GATHERED = (list(KINDS).index(name) for name in ("length", "gathered"))
@@ -375,6 +377,7 @@ def choose(
     doubt = {name: -float(np.log(max(share, UNLIKELY))) for name, share in matches.kinds(bank).items()}
     best = min(tried(several, sight, skin, seed, read), key=lambda one: one.loss + OF_KIND * doubt[kind_of(one.style)])
     changes = {changed: change for change in _changes() if (changed := change(best.style)) != best.style}
+    changes = {changed: change for changed, change in changes.items() if not _bristles(changed)}
     other = tried(list(changes), sight, skin, seed, read)
     helpful = sorted((one for one in other if one.loss < best.loss - KEEP), key=lambda one: one.loss)
     if helpful:
@@ -441,6 +444,11 @@ def across(drawn: Drawn, sight: Sight) -> float:
 
 
 Change = Callable[[Style], Style]
+
+
+def _bristles(style: Style) -> bool:
+    """Whether a style has a fringe too short for the rest of its hair: it would stand off the forehead."""
+    return has_fringe(style) and style.fringe_mm < LEAST_FRINGE_MM < style.top_mm / 2
 
 
 def _changes() -> Iterator[Change]:

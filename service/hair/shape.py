@@ -183,29 +183,34 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     return made, np.asarray(kept)
 
 
-STUMP, STUMP_OF_M, BESIDE = 0.75, 0.08, 12
-"""Share of its length, of more than this, from which on a strand that is cut over the face is no stump, and how many
-whole strands beside a stump are tried in its place."""
+LOOSE_HAIR, FRINGE = (0.75, 0.08), (0.5, 0.03)
+"""Share of its length, of more than this many metres, from which on a strand that is cut over the face is no stump, in
+hair without a fringe and with one: a fringe that the photo cuts by more than half is none."""
+BESIDE = 12
+"""Whole strands beside a stump that are tried in its place."""
 
 
 def without_stumps(
-    whole: Float32, cut: Float32, kept: Bool, sight: Sight, skin: Scalp
-) -> tuple[Float32, Bool]:  # fmt: skip
-    """Strands (N, P, 3), and which are left (N,), without stumps over the face: hair without a fringe does not end there.
+    whole: Float32, cut: Float32, kept: Bool, sight: Sight, skin: Scalp, least: tuple[float, float] = LOOSE_HAIR
+) -> tuple[Float32, Bool]:
+    """Strands (N, P, 3), and which are left (N,), without stumps over the face: but for a fringe, none ends there.
 
     Each runs as the nearest that is whole and would not cross the face from its root either; else it goes.
 
     Args:
-        whole: (N, P, 3) metres before they were ``cut`` (N, P, 3).
+        whole: (N, P, 3) metres, before they were cut.
+        cut: (N, P, 3) metres, what is left of them.
         kept: (N,) what was left of them.
         sight: the photo.
         skin: of the fitted head.
+        least: of what is no stump, ``LOOSE_HAIR`` or ``FRINGE``.
     """
+    share, least_m = least
     cell, _ = sight.visible(*sight.project(cut[:, -1]))
     length = length_of(whole)
-    short = (length_of(cut) < STUMP * length) & (length > STUMP_OF_M)
+    short = (length_of(cut) < share * length) & (length > least_m)
     stump = kept & short & np.isfinite(sight.behind)[cell] & (cut[:, -1, 1] > HANGS_BELOW_M)
-    like = np.flatnonzero(kept & ~stump & (length_of(cut) > STUMP_OF_M))
+    like = np.flatnonzero(kept & ~stump & (length_of(cut) > least_m))
     if not stump.any() or len(like) < BESIDE:
         return cut, kept
     left, made, bare = np.flatnonzero(stump), cut.copy(), _without_hair(sight)
@@ -405,8 +410,8 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     moved, kept = trimmed(led, sight, skin, rng)
     root, seen = sight.visible(*sight.project(moved[:, 0]))
     kept |= ~(seen & _without_hair(sight)[root])  # not on bare skin
-    if style.gather == "none" and not has_fringe(style):
-        moved, kept = without_stumps(led, moved, kept, sight, skin)
+    if style.gather == "none":
+        moved, kept = without_stumps(led, moved, kept, sight, skin, FRINGE if has_fringe(style) else LOOSE_HAIR)
     moved = np.concatenate([moved[:, :1], skin.over_ears.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)
     return groom, seen_share(groom.strands, sight)
