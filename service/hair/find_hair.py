@@ -23,7 +23,7 @@ from service.hair.bank import UNLIKELY, Bank, Matches, kind_of, match, read_bank
 from service.hair.colour import DARK, KNOTS, SHINE, HairColour, as_absorbed, asked_colour, is_warm
 from service.hair.groom import make_groom
 from service.hair.guides import grow_several, grown, has_fringe
-from service.hair.kinds import GATHERED, KINDS, kinds_of
+from service.hair.kinds import CURLS, GATHERED, KINDS, kinds_of
 from service.hair.reading import CELLS, FINE, HairNetwork, HairReading, read_hair
 from service.hair.scalp import Scalp, length_of
 from service.hair.shape import fitted, seen_share, upright
@@ -386,14 +386,21 @@ def choose(
             style = changes[one.style](style)
             together.append(style)
         best = min([helpful[0], *tried(together, sight, skin, seed, read)], key=lambda one: one.loss)
-    return replace(best.style, curl=usual_curl(bank, matches))
+    return replace(best.style, curl=usual_curl(bank, matches, read))
 
 
-def usual_curl(bank: Bank, matches: Matches) -> Curl:
-    """The median of the likely styles' curls: neither a silhouette nor the guides that are tried tell it."""
+def usual_curl(bank: Bank, matches: Matches, read: HairReading) -> Curl:
+    """The median curl of the likely styles of one class, that which these and the reading together find likeliest.
+
+    Neither a silhouette nor the guides that are tried tell it.
+    """
     types = list(WAVES)
     own = np.tile([types.index(style.curl) for style in bank.styles], 2)
-    return types[int(np.searchsorted(np.cumsum(np.bincount(own, matches.probability, len(types))), 0.5))]
+    share = np.bincount(own, matches.probability, len(types))
+    of_class = np.array([int(name[0]) - 1 for name in types])
+    told = np.maximum([read.kinds["curl"].get(name, 0.0) for name in CURLS], 1e-6)
+    likely = np.where(of_class == (told * np.bincount(of_class, share, len(CURLS))).argmax(), share, 0)
+    return types[int(np.searchsorted(np.cumsum(likely) / likely.sum(), 0.5))]
 
 
 def candidates(bank: Bank, matches: Matches, read: HairReading, likeliest: int) -> Int64:

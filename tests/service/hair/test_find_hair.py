@@ -15,11 +15,11 @@ from service.colour import linear_to_srgb, luma
 from service.errors import ModelFault, UsageError
 from service.face.region import Region
 from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
-from service.hair.bank import kind_of, match, mirrored, read_bank
+from service.hair.bank import Matches, kind_of, match, mirrored, read_bank
 from service.hair.colour import COLOURS, KNOTS, SHINE, as_absorbed, asked_colour
-from service.hair.find_hair import COVERS_M, Tried, candidates, choose, grow_hair, painted, see_hair
+from service.hair.find_hair import COVERS_M, Tried, candidates, choose, grow_hair, painted, see_hair, usual_curl
 from service.hair.groom import make_groom
-from service.hair.kinds import LENGTHS
+from service.hair.kinds import CURLS, LENGTHS
 from service.hair.outline import to_outline
 from service.hair.reading import CELLS
 from service.hair.scalp import CENTRE, Scalp, length_of
@@ -176,6 +176,22 @@ def test_styles_that_are_tried_are_gathered_as_the_reading_says() -> None:
         rows = candidates(bank, match(bank, seen.sight, seen.fit, HEAD, reading), reading, 6)
         assert len(rows) >= 6 and len(set(rows.tolist())) == len(rows)
         assert all((bank.style(int(row)).gather in ("ponytail", "bun")) == (tied > 0.5) for row in rows)
+
+
+def test_curls_are_those_of_one_class_that_reading_and_styles_both_have() -> None:
+    """The median over all classes lay between curls and straight hair: ringlets came out as waves."""
+    seen, bank = photographed(NAMED["long_wavy"], 3, HEAD), read_bank()
+    classes = np.tile([int(style.curl[0]) for style in bank.styles], 2)
+
+    def told(bank_has: list[float], read: list[float]) -> str:
+        probability = np.array([0.0, *bank_has])[classes]
+        matches = Matches(probability / probability.sum(), np.zeros(len(classes), np.float32))
+        kinds = {**seen.reading.kinds, "curl": dict(zip(CURLS, read, strict=True))}
+        return usual_curl(bank, matches, dataclasses.replace(seen.reading, kinds=kinds))
+
+    assert told([0.1, 1.0, 0.6, 0.1], [0.01, 0.13, 0.62, 0.25])[0] == "3"
+    assert told([1.0, 1.0, 0.0, 0.0], [0.2, 0.7, 0.1, 0.0])[0] == "2"
+    assert told([0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0])[0] == "2", "no style like this has curls"
 
 
 def test_a_kind_is_chosen_and_no_single_style_by_luck(monkeypatch: pytest.MonkeyPatch) -> None:
