@@ -20,7 +20,9 @@ from service.head.model import HeadModel
 from service.manifest import IdentitySimilarity
 from service.materials.part import MeshPart
 from service.photo.photo import Photo
-from service.render.draw import DrawnHead, over, see, sketch
+from service.render.draw import see
+from service.render.drawn import DrawnHead
+from service.render.sketch import over, sketch
 from service.render.view import turned_camera
 
 SIZE = (240, 300)

@@ -22,7 +22,7 @@ from service.errors import OutputFault, UsageError
 from service.geometry.remesh import Subdivision
 from service.head.model import HeadModel
 from service.materials.part import MeshPart, framed, material_of
-from service.render.draw import without_parts
+from service.render.drawn import without_parts
 from service.render.render import Kept, RenderedPicture, render_head
 from service.render.request import RenderRequest
 from service.render.shade import Clock

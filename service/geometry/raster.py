@@ -1,4 +1,4 @@
-"""Triangles as pixels: the nearest by OpenCV's z-buffer, or all of them; and compositing of what is partly transparent.
+"""Triangles as pixels: the nearest by OpenCV's z-buffer, or all of them, and how much of each is seen through others.
 
 For all of them every triangle is divided into pixel rows and every row into one span of pixel centres, so that only
 covered pixels are visited. Two triangles that share an edge compute its crossing with a row from the same two points in
@@ -41,7 +41,38 @@ class Raster:
         return self.triangle >= 0
 
 
-def rasterise(
+@dataclass(frozen=True)
+class Nearest:
+    """Which triangle is nearest at each pixel centre; weights and depth are computed where they are asked for.
+
+    Attributes:
+        owner: (H, W) int32 position among ``kept``, -1 where there is none.
+        away: (H, W) float32 depth over that of the nearest corner, with ``perspective``; more than any where none is.
+        kept: (K,) int64 indices of the triangles that are drawn.
+    """
+
+    owner: Int32
+    away: Float32
+    kept: Int64
+    _corners: Float64
+    _planes: _Planes
+    _perspective: bool
+
+    def at(self, places: Int64) -> tuple[Int64, Float32, Float32]:
+        """(N,) triangle, (N, 3) barycentric weights and (N,) depth at flat places (N,) where there is a triangle."""
+        own, (row, column) = self.owner.ravel()[places].astype(np.int64), np.divmod(places, self.owner.shape[1])
+        inside = _barycentric(self._planes, own, column + 0.5, row + 0.5, self._perspective)
+        far = (inside * self._corners[own]).sum(1)
+        return self.kept[own], inside.astype(np.float32), far.astype(np.float32)
+
+    def depth_at(self, places: Int64, x: Float64, y: Float64) -> Float32:
+        """(N,) depth of the triangles at flat places (N,) where their planes pass points (N,) beside them, within that
+        of their corners.
+        """
+        return _depth(self._planes, self.owner.ravel()[places].astype(np.int64), x, y, self._perspective)
+
+
+def nearest(
     points_2d: AnyFloat,
     depth: AnyFloat,
     triangles: AnyInt,
@@ -50,8 +81,8 @@ def rasterise(
     *,
     cull: bool = False,
     perspective: bool = False,
-) -> Raster:
-    """Nearest triangle, barycentric coordinates and depth at every pixel centre.
+) -> Nearest:
+    """Nearest triangle at every pixel centre.
 
     Of two triangles at the same float32 depth the one with the lower index wins. A pixel centre that lies exactly on an
     edge belongs to the triangle on its right or, for a level edge, below (top-left rule). Triangles without area, with
@@ -73,21 +104,33 @@ def rasterise(
     keep = _usable(points, z, faces, cull, perspective)
     keep = keep[_touches(points, faces[keep], width, height)]
     keep = keep[(np.abs(points[faces[keep]]) < FARTHEST_PX).all((1, 2))]
-    faces = faces[keep]
-    planes = _Planes.through(points[faces], 1.0 / z[faces] if perspective else z[faces])
-    owner = _nearest(planes, width, height, perspective).ravel()
-    hit = np.flatnonzero(owner >= 0)
-    own, (row, column) = owner[hit], np.divmod(hit, width)
-    inside = _barycentric(planes, own, column + 0.5, row + 0.5, perspective)
+    corners = z[faces[keep]]
+    planes = _Planes.through(points[faces[keep]], 1.0 / corners if perspective else corners)
+    return Nearest(*_drawn(planes, width, height, perspective), keep, corners, planes, perspective)
+
+
+def rasterise(
+    points_2d: AnyFloat,
+    depth: AnyFloat,
+    triangles: AnyInt,
+    width: int,
+    height: int,
+    *,
+    cull: bool = False,
+    perspective: bool = False,
+) -> Raster:
+    """Nearest triangle, barycentric coordinates and depth at every pixel centre; arguments as of :func:`nearest`."""
+    found = nearest(points_2d, depth, triangles, width, height, cull=cull, perspective=perspective)
+    hit = np.flatnonzero(found.owner.ravel() >= 0)
     triangle = np.full(width * height, -1, np.int32)
-    nearest = np.full(width * height, np.inf, np.float32)
+    far = np.full(width * height, np.inf, np.float32)
     weights = np.zeros((width * height, 3), np.float32)
-    triangle[hit], weights[hit], nearest[hit] = keep[own], inside, (inside * z[faces[own]]).sum(1)
-    return Raster(triangle.reshape(height, width), weights.reshape(height, width, 3), nearest.reshape(height, width))
+    triangle[hit], weights[hit], far[hit] = found.at(hit)
+    return Raster(triangle.reshape(height, width), weights.reshape(height, width, 3), far.reshape(height, width))
 
 
-def _nearest(planes: _Planes, width: int, height: int, perspective: bool) -> Int64:
-    """(height, width) which triangle is nearest, -1 where there is none, by OpenCV's z-buffer.
+def _drawn(planes: _Planes, width: int, height: int, perspective: bool) -> tuple[Int32, Float32]:
+    """(height, width) which triangle is nearest, -1 where there is none, by OpenCV's z-buffer, and that buffer.
 
     It draws in single precision what a camera with half an image's height to one of depth sees. The reciprocal of
     depth is linear in the image: that of ``planes``, or where they are linear themselves one that falls with them.
@@ -96,7 +139,7 @@ def _nearest(planes: _Planes, width: int, height: int, perspective: bool) -> Int
 
     owner = np.full((height, width, 3), -1, np.float32)
     if not len(planes.corners):
-        return owner[..., 0].astype(np.int64)
+        return owner[..., 0].astype(np.int32), np.ones((height, width), np.float32)
     value = planes.value
     if not perspective:
         value = 2 - (value - value.min()) / max(float(np.ptp(value)), np.finfo(np.float64).tiny)
@@ -111,7 +154,7 @@ def _nearest(planes: _Planes, width: int, height: int, perspective: bool) -> Int
     settings.setCullingMode(cv2.RASTERIZE_CULLING_NONE)
     depth = np.full((height, width), far, np.float32)
     cv2.triangleRasterize(vertices, corners, names, owner, depth, np.eye(4), np.pi / 2, near, far, settings)
-    return owner[..., 0].astype(np.int64)
+    return owner[..., 0].astype(np.int32), depth
 
 
 @dataclass(frozen=True)
@@ -292,12 +335,23 @@ def _at(rows: _Rows, planes: _Planes, span: Int64, step: Int64, width: int, pers
     at_start = value[:, 0][t] + slope[:, 0][t] * (rows.start + 0.5 - corner[:, 0][t])
     at_start += slope[:, 1][t] * (rows.y + 0.5 - corner[:, 1][t])
     interpolated = at_start[span] + slope[:, 0][t][span] * step
+    return (rows.y * width + rows.start)[span] + step, _within(planes, t[span], interpolated, perspective)
+
+
+def _depth(planes: _Planes, t: Int64, x: Float64, y: Float64, perspective: bool) -> Float32:
+    """(N,) depth of triangles (N,) at points (N,)."""
+    corner, slope = planes.corners[:, 0], planes.slope
+    value = planes.value[:, 0][t] + slope[:, 0][t] * (x - corner[:, 0][t]) + slope[:, 1][t] * (y - corner[:, 1][t])
+    return _within(planes, t, value, perspective)
+
+
+def _within(planes: _Planes, t: Int64, value: Float64, perspective: bool) -> Float32:
+    """(N,) depth of values (N,) on triangles (N,)."""
     # Slivers have huge gradients: a pixel never leaves the range of its corners.
-    low = np.minimum(np.minimum(value[:, 0], value[:, 1]), value[:, 2])
-    high = np.maximum(np.maximum(value[:, 0], value[:, 1]), value[:, 2])
-    interpolated = np.clip(interpolated, low[t][span], high[t][span])
-    depth = (1.0 / interpolated if perspective else interpolated).astype(np.float32)
-    return (rows.y * width + rows.start)[span] + step, depth
+    low = np.minimum(np.minimum(planes.value[:, 0], planes.value[:, 1]), planes.value[:, 2])
+    high = np.maximum(np.maximum(planes.value[:, 0], planes.value[:, 1]), planes.value[:, 2])
+    inside = np.clip(value, low[t], high[t])
+    return np.asarray(1.0 / inside if perspective else inside, np.float32)
 
 
 def _barycentric(planes: _Planes, t: Int64, x: Float64, y: Float64, perspective: bool) -> Float64:
@@ -321,13 +375,10 @@ def transmittances(pixel: Int64, alpha: AnyFloat) -> Float32:
     # Products over runs of equal pixels are differences of running sums of logarithms; opacity 1 would be infinite.
     through = np.log(np.maximum(1.0 - np.asarray(alpha, np.float64), 1e-9))
     before = np.concatenate([[0.0], np.cumsum(through)])[:-1]
-    return np.asarray(np.exp(before - before[np.searchsorted(pixel, pixel)]), np.float32)
+    return np.asarray(np.exp(before - before[run_starts(pixel)]), np.float32)
 
 
-def composite(pixel: Int64, colour: AnyFloat, alpha: AnyFloat, count: int) -> Float32:
-    """(count, C + 1) float32 colours (N, C) premultiplied by coverage, and the coverage in [0, 1], of so many pixels;
-    fragments as in :func:`transmittances`.
-    """
-    share = transmittances(pixel, alpha) * np.asarray(alpha, np.float32)
-    planes = [np.bincount(pixel, share * np.asarray(colour)[:, k], count) for k in range(np.asarray(colour).shape[1])]
-    return np.stack([*planes, np.bincount(pixel, share, count)], 1).astype(np.float32)
+def run_starts(values: Int64) -> Int64:
+    """(N,) where the run of equal values (N,) begins in which each lies."""
+    begins = np.diff(values, prepend=values[:1] - 1) != 0
+    return np.maximum.accumulate(np.where(begins, np.arange(len(values)), 0))

@@ -19,7 +19,7 @@ from service.levels import QualityName
 from service.light.formulas import sh_basis
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
-from service.render.draw import MIRRORED, with_gloss, without_gloss
+from service.render.sketch import MIRRORED, with_gloss, without_gloss
 from service.words import WarningCode
 
 

@@ -24,7 +24,9 @@ from service.light.plan import LightPlan
 from service.light.scene import Triple
 from service.materials.material import Material
 from service.materials.part import MeshPart, part_triangles
-from service.render.draw import HIDDEN, RECESSES, DrawnHead, SeenHead, SeenPart, open_light, recess_of
+from service.render.draw import HIDDEN, SeenHead, SeenPart
+from service.render.drawn import RECESSES, DrawnHead, recess_of
+from service.render.sketch import open_light
 from service.render.strands import BIAS, HairVolume, StrandLight
 from service.render.visibility import Occluders, VisibilityDetail
 

@@ -28,7 +28,8 @@ from service.light.samples import AZIMUTHS, Index, SurfaceSamples, survey
 from service.light.scene import BRIGHT, Response, Scene, Triple, exposed_for
 from service.light.shading import Shading, develop
 from service.materials.part import MeshPart, framed
-from service.render.draw import DrawnHead, SeenHead, recess_of, see
+from service.render.draw import SeenHead, see
+from service.render.drawn import DrawnHead, recess_of
 from service.render.recess import RecessLight
 from service.render.request import RenderRequest
 from service.render.shade import Clock, HeadShader

@@ -20,7 +20,8 @@ from service.light.environment import Illumination, flux_by_direction, spread_di
 from service.light.formulas import Graphs, lamp_numbers
 from service.light.scene import PointLight
 from service.materials.part import MeshPart
-from service.render.draw import DrawnPart, SeenPart
+from service.render.draw import SeenPart
+from service.render.drawn import DrawnPart
 
 TILT = np.radians(3.0)
 """Of a cuticle's scales (Marschner 2003, table 1)."""
@@ -198,11 +199,12 @@ class StrandLight:
             one.radiance[some] = total
 
 
-def reflected(along: Float32, view: Float32, light: Float32, colour: Float32) -> Float32:
+def reflected(along: Float32, view: Float32, light: Float32, colour: Float32, width: float = WIDTH) -> Float32:
     """(N, 3) radiance by which strands answer one unit of irradiance on a surface across the light.
 
     Unit vectors run ``along`` the strands (N, 3), from root to tip, to the eye (N, 3) and to the light (N, 3) or (3,);
-    the colour (N, 3) is the linear albedo of many strands.
+    the colour (N, 3) is the linear albedo of many strands. ``width`` is that of the first lobe, radians: wider where
+    strands differ in direction.
     """
     sin_i, sin_r = (along * light).sum(1), (along * view).sum(1)
     theta_i, theta_r = np.arcsin(np.clip(sin_i, -1, 1)), np.arcsin(np.clip(sin_r, -1, 1))
@@ -213,10 +215,10 @@ def reflected(along: Float32, view: Float32, light: Float32, colour: Float32) ->
     cos_half = np.sqrt(0.5 * (1 + cos_phi))
     fresnel = F0 + (1 - F0) * (1 - np.clip(cos_d * cos_half, 0, 1)) ** 5
     common = np.maximum(np.cos(theta_i), 0) / cos_d**2
-    first = SHEEN * common * _lobe(half + 2 * TILT, WIDTH) * 0.25 * cos_half * fresnel
+    first = SHEEN * common * _lobe(half + 2 * TILT, width) * 0.25 * cos_half * fresnel
     inner = (1 - fresnel) ** 2
-    second = common * _lobe(half - 3 * TILT, 2 * WIDTH) * 0.12 * (1 + cos_phi) ** 2 * inner * fresnel
-    against = common * _lobe(half - TILT, 0.7 * WIDTH) * 0.5 * np.exp(4 * (-cos_phi - 1)) * inner
+    second = common * _lobe(half - 3 * TILT, 2 * width) * 0.12 * (1 + cos_phi) ** 2 * inner * fresnel
+    against = common * _lobe(half - TILT, 0.7 * width) * 0.5 * np.exp(4 * (-cos_phi - 1)) * inner
     # Light passes the pigment once on its way through a strand and twice where it comes back.
     tint = np.clip(colour, 0, 1)
     through = 0.5 * against[:, None] * np.sqrt(tint) * tint

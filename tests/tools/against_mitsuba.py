@@ -33,7 +33,8 @@ from service.light.formulas import Graphs
 from service.light.plan import LightPlan
 from service.light.scene import Environment, PointLight, Response, Scene
 from service.light.shading import develop
-from service.render.draw import DrawnHead, SeenHead, see
+from service.render.draw import SeenHead, see
+from service.render.drawn import DrawnHead
 from service.render.render import render_head
 from service.render.request import RenderRequest
 from service.render.surface import LOBES, ROLES, Surface, build_surface
@@ -257,7 +258,10 @@ def camera_of(size: int) -> Camera:
 
 
 def compare_archive(
-    archive: Path, size: int, samples: int, detail: VisibilityDetail = VisibilityDetail()  # noqa: B008
+    archive: Path,
+    size: int,
+    samples: int,
+    detail: VisibilityDetail = VisibilityDetail(),  # noqa: B008
 ) -> dict[str, Difference]:
     """Render an archive both ways under all scenes."""
     avatar = open_avatar(archive, ROLES)

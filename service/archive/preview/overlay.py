@@ -13,7 +13,7 @@ from service.colour import to_bytes
 from service.face.fit.fit import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
-from service.render.draw import over
+from service.render.sketch import over
 
 PANEL = (520, 640)
 """Largest width and height of each of the three panels, pixels."""
@@ -106,7 +106,7 @@ def _panel_camera(camera: Camera, corner: tuple[int, int], zoom: Float64, size: 
 def _over(avatar: Avatar, cut: Image, camera: Camera) -> Image:
     """The untextured head blended over the photo, so that eyes, lips and silhouette can be compared."""
     photo = np.asarray(cut, np.float32) / np.float32(255)
-    head = over(*clay_picture(avatar, avatar.fit.vertices, camera, 1.0), photo)
+    head = over(*clay_picture(avatar, avatar.fit.vertices, camera), photo)
     return to_bytes(photo + np.float32(0.72) * (head - photo))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.geometry.raster import FARTHEST_PX, composite, fragments, rasterise
+from service.geometry.raster import FARTHEST_PX, fragments, rasterise, transmittances
 from service.geometry.sampling import Pyramid
 
 
@@ -134,7 +134,9 @@ def test_layers_are_composited_as_one_by_one() -> None:
     wanted = np.zeros((20, 4))
     for p, c, a in zip(pixel[::-1], colour[::-1], alpha[::-1], strict=True):  # the furthest first
         wanted[p] = a * np.array([*c, 1.0]) + (1 - a) * wanted[p]
-    np.testing.assert_allclose(composite(pixel, colour, alpha, 20), wanted, atol=1e-5)
+    share = transmittances(pixel, alpha) * alpha
+    planes = [np.bincount(pixel, share * plane, 20) for plane in (*colour.T, np.ones(200))]
+    np.testing.assert_allclose(np.stack(planes, 1), wanted, atol=1e-5)
 
 
 def test_fragments_are_all_surfaces_by_triangles() -> None:

@@ -43,7 +43,7 @@ from service.head.files import load_head
 from service.head.model import HeadModel
 from service.options import Options
 from service.photo.photo import Photo
-from service.render.draw import with_gloss, without_gloss
+from service.render.sketch import with_gloss, without_gloss
 from tests.support.hair import fit_of, photographed
 
 HEAD = load_head()

@@ -14,9 +14,11 @@ from service.archive.rendering import smoothed
 from service.light.scene import PointLight
 from service.materials.material import ChartMap, Material, OwnMap
 from service.materials.part import MeshPart
-from service.render.draw import DrawnHead, see, sketch, without_parts
+from service.render.draw import see
+from service.render.drawn import DrawnHead, without_parts
 from service.render.render import NO_SHADOWS, render_head
 from service.render.request import RenderRequest
+from service.render.sketch import sketch
 from service.render.view import camera_at, turned_camera
 from tests.service.render.toys import EVEN, HEAD, ROUGH, albedo, scene
 

@@ -16,7 +16,9 @@ from service.archive.preview.sheet import TILE, WARNING, blank, coloured, sheet,
 from service.colour import bytes_to_linear
 from service.geometry.camera import Camera
 from service.light.environment import Illumination
-from service.render.draw import DrawnHead, over, see, sketch
+from service.render.draw import see
+from service.render.drawn import DrawnHead
+from service.render.sketch import over, sketch
 from service.render.view import turned_camera
 from service.words import WORDS, WarningCode
 from tests.service.archive.toys import toy_avatar, toy_head
