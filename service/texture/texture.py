@@ -202,13 +202,13 @@ class Unwrappings:
 
     Attributes:
         zones: of the inner texels (N,).
-        sights: of each photo what it shows, the parts (N, 13) read there, and (N,) how far strands and rims hide the
-            head, and darkness its colour; 0 where nothing was read.
+        sights: of each photo what it shows, the parts (N, 13) read there, and (N,) how far strands and rims, and
+            blackness, hide the head, and darkness its colour; 0 where nothing was read.
         normals: (H, W, 3) float32 unit, of the head in head space, continued beyond the islands.
     """
 
     zones: Zones
-    sights: tuple[tuple[Unwrapped, Float32, Float32, Float32], ...]
+    sights: tuple[tuple[Unwrapped, Float32, Float32, Float32, Float32], ...]
     normals: Float32
 
     @classmethod
@@ -245,10 +245,11 @@ def make_texture(
 
     def made(telling: bool) -> tuple[list[Layer], Blend, Completed, Parts]:
         """What photos show, mixed and completed, with eyes and mouth; ``telling``: what tells no colour, too."""
-        layers = [
-            _layer(chart, zones, seen, part, np.maximum(cover, dark) if telling else cover, bald=bald)
-            for seen, part, cover, dark in known.sights
-        ]
+        layers = []
+        for seen, part, strands, black, dark in known.sights:
+            # On the scalp of a head that wears no mesh, hair is the head's own however far it is followed.
+            cover = np.maximum(strands if bald else strands * (1 - zones.scalp), dark if telling else black)
+            layers.append(_layer(chart, zones, seen, part, np.maximum(cover, black), bald=bald))
         mixed = blend(chart, layers, [one for _, one, _ in views], zones)
         unwrapped, part, found = mixed.layer.unwrapped, mixed.layer.parts, mixed.layer.found
         scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
@@ -263,7 +264,7 @@ def make_texture(
     layers, mixed, completed, parts = made(telling=True)
     unwrapped, part, weight, found = mixed.layer.unwrapped, mixed.layer.parts, mixed.layer.weight, mixed.layer.found
     texture, bright = chart.fill_outside(chart.spread(parts.colour)), None
-    if any((dark > 0.5).any() for _, _, _, dark in known.sights):
+    if any((dark > 0.5).any() for *_, dark in known.sights):
         texture, bright = chart.fill_outside(chart.spread(made(telling=False)[-1].colour)), to_bytes(texture)
     roots = None
     if bald:
@@ -292,18 +293,17 @@ def make_texture(
 
 def _sight(
     chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None
-) -> tuple[Unwrapped, Float32, Float32, Float32]:
+) -> tuple[Unwrapped, Float32, Float32, Float32, Float32]:
     """One of the sights of :class:`Unwrappings`."""
     unwrapped = unwrap(photo, fit, chart)
     if reading is None:
         nothing = np.zeros_like(unwrapped.weight)
-        return unwrapped, parts_of_face(chart, unwrapped, zones), nothing, nothing
+        return unwrapped, parts_of_face(chart, unwrapped, zones), nothing, nothing, nothing
     part = parts_at(reading, fit, unwrapped)
     read = chart, unwrapped, part, zones
     dark, black = in_the_dark(*read)
     black = np.maximum(black, dark * (1 - zones.face))  # what is dark beside the face may be a collar
-    cover = np.maximum(finer_cover(*read), black)
-    return unwrapped, part, cover, dark
+    return unwrapped, part, finer_cover(*read), black, dark
 
 
 def _layer(chart: Chart, zones: Zones, unwrapped: Unwrapped, part: Float32, cover: Float32, *, bald: bool) -> Layer:

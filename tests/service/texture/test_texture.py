@@ -62,7 +62,7 @@ def test_skin_too_dark_for_its_colour_to_be_told_is_completed(shade: tuple[float
     fit, reading = fitted(HEAD, turned(0)), read_off(HEAD, turned(0), _parts)
     known = Unwrappings.of(CHART, [(dark_half, fit, reading)])
     texture = make_texture(dark_half, fit, CHART, reading, known=known)
-    place, dark = POINTS[CHART.texels // CHART.width, CHART.texels % CHART.width], known.sights[0][3]
+    place, dark = POINTS[CHART.texels // CHART.width, CHART.texels % CHART.width], known.sights[0][-1]
     hidden = (dark > 0.9) & (place[:, 0] > 0.01)
     assert hidden.sum() > 200
     half = np.unravel_index(CHART.texels[hidden], SKIN_MASK.shape)
