@@ -53,6 +53,8 @@ SKULL_SIGMA_M = 0.008
 """Standard deviation among people of the crown's height above the face, metres; 0.0078 among ICT-FaceKit's."""
 HARDLY = 0.02
 """Least weight of what is still followed."""
+BESIDE_SPOTS = 0.25
+"""Weight of the places that were read in a photo that shares spots with others: the reader errs alike in all photos."""
 MORE_FORM = 2
 """Modes of free form where there are several photos, over those of one: what they have in common tells more of them."""
 
@@ -128,7 +130,8 @@ def _refined(
     height = skull_height(head, model)
     damping = Damping()
     # Further rounds, of several photos, with the spots that these have in common.
-    rounds = REACH_M if len(sights) == 1 else (*REACH_M, *(REACH_M[-1:] * 5))
+    # Spots move the head further than a second round does: the outline is searched as far as in the first.
+    rounds = REACH_M if len(sights) == 1 else (*REACH_M, *(REACH_M[:1] * 5))
     for round_, reach in enumerate(rounds):
         shapes = [vertices_at(state) for state in states]
         spots: list[list[PointTerm]] = [[] for _ in sights]
@@ -149,7 +152,8 @@ def _refined(
                 own[0] = replace(points, precision=points.precision * squarely * (1.0 + frontal))
                 own[1] = replace(priors[k], shape_precision=priors[k].shape_precision * (1.0 - 0.7 * frontal * plain))
                 places = read.points(state)
-                own.append(places if len(sights) == 1 else replace(places, precision=places.precision * squarely))
+                say = squarely * (BESIDE_SPOTS if spots[k] else 1.0)
+                own.append(places if len(sights) == 1 else replace(places, precision=places.precision * say))
                 own += [read.normals(state, shape)] if normals and squarely > HARDLY else []
             outline = contour.term(soft[k], photos[k][1], state, shape, reach)
             end = None

@@ -33,10 +33,14 @@ def wide(head: HeadModel) -> HeadModel:
     return extended(head, 80, 150)
 
 
+def camera_at(yaw: float, focal: float) -> Camera:
+    turn = exp_rotation(np.radians([0.0, yaw, 0.0]))
+    return Camera(SIZE, SIZE, focal, MIDDLE, np.diag([1.0, -1.0, -1.0]) @ turn, np.array([0.01, -0.02, focal / 1100]))
+
+
 def seen(head: HeadModel, vertices: Float64, yaw: float = 10.0, focal: float = FOCAL) -> tuple[Face, Photo, Reading]:
     """The landmarks of a head in a known pose, a grey photo, and what a perfect reader says of it."""
-    turn = exp_rotation(np.radians([0.0, yaw, 0.0]))
-    camera = Camera(SIZE, SIZE, focal, MIDDLE, np.diag([1.0, -1.0, -1.0]) @ turn, np.array([0.01, -0.02, focal / 1100]))
+    camera = camera_at(yaw, focal)
     corners = vertices[head.triangles[head.landmark_triangle]]
     points = (corners * head.landmark_barycentric[..., None]).sum(1)
     depth = camera.to_camera(points)[:, 2:]
@@ -99,6 +103,32 @@ def test_a_profile_that_is_read_wrong_leaves_the_shape_to_the_other_photos(head:
     two, three = (fit_views(chosen, head)[0] for chosen in (views, [*views, View(photo, face, reading)]))
     errors = [error_mm(head, one.neutral, truth) for one in (two, three)]
     assert errors[1] < 1.1 * errors[0], errors
+
+
+def with_skin(head: HeadModel, vertices: Float64, yaw: float) -> Photo:
+    """The photo of :func:`seen` in which the skin has fine waves."""
+    camera = camera_at(yaw, FOCAL)
+    depth = camera.to_camera(vertices)[:, 2]
+    raster = rasterise(camera.project(vertices), depth, head.triangles, SIZE, SIZE, perspective=True)
+    corners = head.mean[head.triangles[raster.triangle[raster.mask]]]
+    place = (corners * raster.barycentric[raster.mask][..., None]).sum(1)
+    waves = np.sin(place @ np.array([[700, 200, 0], [-300, 600, 200], [150, -800, 400]]).T).sum(1)
+    grey = np.full((SIZE, SIZE), 40.0)
+    grey[raster.mask] = 130.0 * (1 + 0.12 * waves)
+    return Photo(np.repeat(grey[..., None], 3, 2).astype(np.uint8))
+
+
+def test_what_is_read_wrong_alike_in_all_photos_yields_to_the_spots_that_they_share(head: HeadModel) -> None:
+    """The reader sees the average head in every photo."""
+    truth, average = somebody(head), head.mean.astype(np.float64)
+    views = []
+    for yaw in (-30.0, 0.0, 30.0):
+        face, grey, _ = seen(head, truth, yaw)
+        views.append((face, grey, with_skin(head, truth, yaw), seen(head, average, yaw)[2]))
+    even = fit_views([View(grey, face, reading) for face, grey, _, reading in views], head)[0]
+    shared = fit_views([View(skin, face, reading) for face, _, skin, reading in views], head)[0]
+    errors = [error_mm(head, one.neutral, truth) for one in (even, shared)]
+    assert errors[1] < 0.8 * errors[0], errors
 
 
 def test_normals_bend_the_shape_where_places_are_vague(head: HeadModel) -> None:

@@ -97,8 +97,8 @@ def test_spots_pull_a_wrong_head_towards_the_right_one(head: HeadModel) -> None:
 def test_profiles_are_compared_with_no_photo_and_of_one_direction_only_the_most_evenly_lit(head: HeadModel) -> None:
     """A head is placed some degrees off in a profile; compared with the rest, it would pull their shape along."""
     states = [state_of(head, yaw, coefficients_of(head, 1)) for yaw in (0.0, 3.0, 35.0, 60.0, 78.0)]
-    assert pairs(states, [0.1, 0.2, 0.3, 0.3, 0.1]) == [(0, 2), (0, 3), (2, 3)]
-    assert pairs(states, [0.2, 0.1, 0.3, 0.3, 0.1]) == [(1, 2), (1, 3), (2, 3)]
+    assert pairs(states, [0.1, 0.2, 0.3, 0.3, 0.1]) == [(0, 2), (2, 3)]
+    assert pairs(states, [0.2, 0.1, 0.3, 0.3, 0.1]) == [(1, 2), (2, 3)]
     assert pairs(states[-1:], [0.1]) == pairs([], []) == []
 
 
