@@ -96,7 +96,7 @@ def sketch(
             arriving = shown * one.openness() * one.between(lit)
             one.radiance = own * (arriving if light is None else arriving + mirrored)
     picture = seen.resolved(colour * seen.between(at(seen.model.vertices, seen.model.normals)))
-    return _outlined(*picture) if any(one.drawn.along is not None for one in seen.parts) else picture
+    return outlined(*picture) if any(one.drawn.along is not None for one in seen.parts) else picture
 
 
 def _shine(
@@ -126,7 +126,7 @@ def _turned(normal: Float32, toward: Float32) -> Float32:
     return np.asarray(np.clip(2 * (normal * toward).sum(1, keepdims=True), 0, 1), np.float32)
 
 
-def _outlined(light: Float32, covered: Float32) -> tuple[Float32, Float32]:
+def outlined(light: Float32, covered: Float32) -> tuple[Float32, Float32]:
     """A picture, see :meth:`SeenHead.resolved`, whose outline is no stair where cards of hair turn away.
 
     There coverage is as steep as before about the line through the middle of the steps. What is thinner than three

@@ -13,7 +13,7 @@ from service.materials.part import MeshPart
 from service.render.draw import see
 from service.render.drawn import DrawnHead
 from service.render.fibres import EDGE, StrandTexture, widened
-from service.render.sketch import sketch
+from service.render.sketch import outlined, sketch
 from tests.service.render.toys import HEAD
 
 SIDE = 40
@@ -132,3 +132,18 @@ def test_hair_has_a_highlight_where_it_turns_to_the_lamp() -> None:
     assert np.isfinite(light).all()
     assert 0 < shown.argmax() < len(shown) - 1
     assert shown.max() > 1.1 * shown[-3]
+
+
+@pytest.mark.parametrize("slope", [0.25, 0.5])
+def test_an_outline_of_hard_steps_becomes_its_own_slant(slope: float) -> None:
+    """And nothing else does: a strand of two pixels, what is blended, and the colour stay."""
+    fine = (np.arange(60 * 8) + 0.5) / 8 - 30
+    inside = fine[None] > slope * fine[:, None]
+    exact = inside.reshape(60, 8, 60, 8).mean((1, 3))
+    hard = (exact > 0.5).astype(np.float32)
+    light, cover = outlined(np.dstack([0.3 * hard] * 3), hard)
+    middle = (slice(5, -5),) * 2
+    assert np.abs(cover - exact)[middle].sum() < 0.4 * np.abs(hard - exact)[middle].sum()
+    np.testing.assert_allclose(light[..., 0], 0.3 * cover, atol=1e-6)
+    for kept in (np.pad(np.ones((60, 2), np.float32), ((0, 0), (29, 29))), np.full((60, 60), 0.5, np.float32)):
+        np.testing.assert_array_equal(outlined(np.dstack([kept] * 3), kept)[1], kept)
