@@ -189,7 +189,7 @@ CONTRAST = 0.9
 """Least spread of brightness over strands, over that of the photo's pixels: means along strands are more alike."""
 AUBURN = 1.5
 """Red over blue from which on hair that is violet in the photo is auburn in a cold light."""
-COVERS_M, STUBBLE = 0.0035, 0.25
+COVERS_M, STUBBLE = 0.004, 0.25
 """Length at which all but 1/e of the skin is covered, and the least that hair has of its colour over skin."""
 MOST_SHINE = 0.8
 """Most of the darkest channel of the usual strand that it mirrors: darker ones mirror less."""
@@ -266,7 +266,7 @@ def _without_skin(usual: Float32, strands: Float32, skin: Float32, guess: Float3
     The shorter it is, the less do its pixels tell, and the more counts a guess (3,); all linear RGB.
     """
     length = float(np.median(length_of(strands))) if len(strands) else 0.0
-    cover = max(1 - np.exp(-length / COVERS_M), 1e-3)
+    cover = max(1 - np.exp(-((length / COVERS_M) ** 2)), 1e-3)  # stubble stands up, longer hair lies flat
     left = (luma(usual) - (1 - cover) * luma(skin)) / (cover * max(float(luma(usual)), 1e-4))
     alone = usual * max(float(left), STUBBLE)
     told = 1 / (1 + ((1 - cover) / cover) ** 2)

@@ -363,7 +363,7 @@ def test_skin_that_shines_through_short_hair_is_not_its_colour() -> None:
     for length_m in (0.004, 0.06):
         down = np.linspace(0, length_m, 32)[:, None] * np.array([0, -1, 0])
         strands = (seen.groom.strands[:, :1] + down).astype(np.float32)
-        shown = black + np.exp(-length_m / COVERS_M) * (skin - black)
+        shown = black + np.exp(-((length_m / COVERS_M) ** 2)) * (skin - black)
         colour = painted(picture_of(shown), seen.reading, seen.sight, strands, share, skin, 0)
         found.append(luma(np.median(colour.linear().reshape(-1, 3), 0)) / luma(black))
     assert 0.4 < found[0] < 2.5 and 0.7 < found[1] < 1.4, found
