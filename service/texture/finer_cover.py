@@ -10,6 +10,8 @@ Darkness hides skin, too: what is nearly black in some colour, under a brim or w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -38,8 +40,11 @@ LIKELIER = 1.5
 """Log odds of hair from which on a texel is hair."""
 LEAST_SPREAD = 0.04
 """Least standard deviation of colours, natural logarithm."""
-FEWEST, OUTLYING = 50, 5.0
-"""Fewest texels that tell a colour, and how many median deviations from it outliers begin."""
+FEWEST, OUTLYING, GROWS = 50, 5.0, 5
+"""Fewest texels that tell a colour, how many median deviations from it outliers begin, and the fewest texels of half
+the size that are worth another round."""
+FINE = 4
+"""Texels beside what was found at half the size in which there may be finer strands."""
 LEAST_NEAR = 0.003
 """Least share of hair, and of skin, beside a texel that is asked."""
 RIM = 0.0035
@@ -84,47 +89,65 @@ def _followed(chart: Chart, colour: Float32, weight: Float32, parts: Float32, zo
     hair = mask((parts[:, HAIR] > SURE_HAIR) & (weight > 0))
     skin = mask((parts[:, SKIN] > SURE_SKIN) & (parts[:, HAIR] < NO_HAIR) & (weight > 0) & zones.skin)
     # The reader takes a lock far from the rest for skin: its colours would be among those of the skin beside it.
-    odds = _of_all(values, hair) - _of_all(values, skin)
+    odds = of_all(values, hair) - of_all(values, skin)
     skin *= odds < LIKELIER
-    reach = max(round(NEAR * chart.width), 1)
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
-    found = np.zeros_like(hair)
+    full = [values, hair, skin, odds, np.asarray(shown[..., 3], np.float32)]
+    # Followed from texel to texel of half the size, then seen in full from there.
+    half = [np.ascontiguousarray(plane[::2, ::2]) for plane in full]
+    found = np.zeros_like(half[1])
     for k in range(FOLLOWED):
-        known = np.maximum(hair, found)
-        beside = np.asarray(cv2.dilate(known, disc)) > 0.5
-        like_hair, of_hair = _likeness(values, known, AROUND * chart.width)
-        like_skin, of_skin = _likeness(values, skin * ~beside, AROUND * chart.width)
-        asked = beside & (of_hair > LEAST_NEAR) & (shown[..., 3] > 0)
-        own = np.where(of_skin > LEAST_NEAR, like_hair - like_skin, odds)
-        likelier = np.asarray(asked & (own > LIKELIER) & (odds > LIKELIER * max(k - 1, 1)), np.uint8)
-        more = np.asarray(cv2.morphologyEx(likelier, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)), np.float32)
-        if not (more > found).any():
+        more = _beside(half, found, chart.width / 2, LIKELIER * max(k - 1, 1))
+        if (more > found).sum() < GROWS:
             break
         found = np.maximum(found, more)
-    return found
+    known = np.asarray(cv2.resize(found, hair.shape[::-1], interpolation=cv2.INTER_NEAREST), np.float32)
+    near = cv2.dilate(np.maximum(known, hair), np.ones((2 * FINE + 1,) * 2, np.uint8))
+    return _beside(full, known, chart.width, LIKELIER) * np.asarray(near, np.float32)
 
 
-def _of_all(values: Float32, chosen: Float32) -> Float32:
-    """(h, w) log likelihood of values (h, w, 3) among all the chosen ones; 0 where there are too few of them."""
+def _beside(planes: Sequence[Float32], found: Float32, width: float, surer: float) -> Float32:
+    """(h, w) 1 where values beside hair and what was found (h, w) are likelier hair than skin, on a chart of a width.
+
+    ``planes`` are values (h, w, 3), and (h, w) hair, skin, the odds of all hair against all skin, which have to exceed
+    ``surer``, and what is shown.
+    """
+    values, hair, skin, odds, shown = planes
+    reach = max(round(NEAR * width), 1)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
+    known = np.maximum(hair, found)
+    near = np.asarray(cv2.dilate(known, disc)) > 0.5
+    like_hair, of_hair = _likeness(values, known, AROUND * width)
+    like_skin, of_skin = _likeness(values, skin * ~near, AROUND * width)
+    own = np.where(of_skin > LEAST_NEAR, like_hair - like_skin, odds)
+    likelier = near & (of_hair > LEAST_NEAR) & (shown > 0) & (own > LIKELIER) & (odds > surer)
+    opened = cv2.morphologyEx(np.asarray(likelier, np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    return np.asarray(opened, np.float32)
+
+
+def of_all(values: Float32, chosen: Float32) -> Float32:
+    """(h, w) log likelihood of values (h, w, 3) among all the chosen ones; 0 where too few of them are alike."""
     own = values[chosen > 0.5]
+    if len(own):
+        middle = np.median(own, 0)
+        near = np.abs(own - middle)
+        own = own[(near <= OUTLYING * np.maximum(np.median(near, 0), LEAST_SPREAD)).all(1)]
     if len(own) < FEWEST:
         return np.zeros(chosen.shape, np.float32)
-    middle = np.median(own, 0)
-    near = np.abs(own - middle)
-    own = own[(near <= OUTLYING * np.maximum(np.median(near, 0), LEAST_SPREAD)).all(1)]
     cov = np.cov(own.T) + LEAST_SPREAD**2 * np.eye(3)
-    off = values - middle
-    distance = np.einsum("hwi,ij,hwj->hw", off, np.linalg.inv(cov), off, optimize=True)
-    return np.asarray(-0.5 * distance - 0.5 * np.linalg.slogdet(cov)[1], np.float32)
+    # Whitened by the triangular root of its inverse, distances are plain.
+    white = (values - middle) @ np.linalg.cholesky(np.linalg.inv(cov)).astype(np.float32)
+    return np.asarray(-0.5 * np.square(white).sum(-1) - 0.5 * np.linalg.slogdet(cov)[1], np.float32)
 
 
 def _likeness(values: Float32, chosen: Float32, sigma: float) -> tuple[Float32, Float32]:
     """(h, w) log likelihood of values (h, w, 3) among the chosen ones near by, and (h, w) the share of those."""
-    share = blurred(chosen, sigma)
-    off = values - blurred(values * chosen[..., None], sigma) / np.maximum(share, 1e-4)[..., None]
-    own = off[chosen > 0.5]
-    spread = np.maximum(np.sqrt(np.square(own).mean(0)), LEAST_SPREAD) if len(own) else np.ones(3)
-    return np.asarray(-0.5 * np.square(off / spread).sum(-1) - np.log(spread).sum(), np.float32), share
+    both = blurred(np.dstack([values * chosen[..., None], chosen]), sigma)
+    share = both[..., 3]
+    square = np.square(values - both[..., :3] / np.maximum(share, 1e-4)[..., None])
+    count = float(chosen.sum())
+    spread = np.maximum(np.sqrt(np.einsum("hwi,hw->i", square, chosen) / max(count, 1)), LEAST_SPREAD)
+    spread = np.asarray(spread if count else np.ones(3), np.float32)
+    return np.asarray(square @ (-0.5 / np.square(spread)) - np.log(spread).sum(), np.float32), share
 
 
 def _lines(chart: Chart, bright: Float32, seen: Bool) -> Float32:

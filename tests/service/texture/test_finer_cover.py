@@ -11,7 +11,7 @@ from service.arrays import Float32
 from service.face.reading.part_labels import BROW, GLASSES, HAIR, PARTS, SKIN
 from service.geometry.chart import Chart
 from service.head.files import load_head
-from service.texture.finer_cover import finer_cover, in_the_dark
+from service.texture.finer_cover import finer_cover, in_the_dark, of_all
 from service.texture.unwrap import Unwrapped, Zones
 
 HEAD = load_head()
@@ -64,6 +64,17 @@ def test_a_wide_lock_that_was_read_as_skin_is_no_skin() -> None:
     own = ZONES.skin & (ZONES.hidden < 0.1)
     assert cover[lock & own & (ROW > 112) & (ROW < 190)].mean() > 0.9
     assert cover[own & (COLUMN > 235) & (ROW > 120) & (ROW < 190)].mean() < 0.01
+
+
+def test_colours_of_which_none_are_alike_tell_nothing() -> None:
+    """Each is far off in another channel: of those that are left there is no covariance, and hair was not a number."""
+    third = np.arange(90) % 3
+    values = np.zeros((10, 9, 3), np.float32)
+    values.reshape(-1, 3)[np.arange(90), third] = 9.0
+    for chosen in (np.ones((10, 9), np.float32), np.zeros((10, 9), np.float32)):
+        assert not of_all(values, chosen).any()
+    flat = np.full((10, 9, 3), 0.3, np.float32)
+    assert np.isfinite(of_all(flat, np.ones((10, 9), np.float32))).all(), "nor is one colour alone singular"
 
 
 def test_rims_are_found_where_glasses_are_worn() -> None:
