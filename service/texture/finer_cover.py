@@ -26,7 +26,7 @@ from service.texture.unwrap import Unwrapped, Zones, wears_glasses
 DARKEST = 2e-3
 """Linear value at which logarithms stop."""
 OWN_FEATURES = (0.1, 0.3)
-"""Probability of brows, lips, eyes and mouth up to which lines count, and from which on they are features."""
+"""Probability of brows, beard, lips, eyes and mouth up to which lines count, and from which on they are features."""
 SURE_HAIR, SURE_SKIN, NO_HAIR = 0.4, 0.9, 0.03
 """Least probability of what tells the colour of hair and of skin, and the most of hair on such skin. Beside a hat the
 reader divides hair between both."""
@@ -66,7 +66,7 @@ def finer_cover(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones
     """
     seen = unwrapped.weight > 0
     colour = np.log(np.maximum(srgb_to_linear(unwrapped.colour), np.float32(DARKEST)))
-    features = 1 - smoothstep(parts[:, [BROW, LIP, IRIS, SCLERA, MOUTH]].sum(1), *OWN_FEATURES)
+    features = 1 - smoothstep(parts[:, [BROW, BEARD, LIP, IRIS, SCLERA, MOUTH]].sum(1), *OWN_FEATURES)
     free = chart.spread((features * zones.skin * seen)[:, None].astype(np.float32))[..., 0]
     found = _followed(chart, colour, unwrapped.weight, parts, zones)
     if wears_glasses(parts, unwrapped.weight, zones):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.arrays import Float32
-from service.face.reading.part_labels import BROW, GLASSES, HAIR, PARTS, SKIN
+from service.face.reading.part_labels import BEARD, BROW, GLASSES, HAIR, PARTS, SKIN
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.texture.finer_cover import finer_cover, in_the_dark, of_all
@@ -64,6 +64,19 @@ def test_a_wide_lock_that_was_read_as_skin_is_no_skin() -> None:
     own = ZONES.skin & (ZONES.hidden < 0.1)
     assert cover[lock & own & (ROW > 112) & (ROW < 190)].mean() > 0.9
     assert cover[own & (COLUMN > 235) & (ROW > 120) & (ROW < 190)].mean() < 0.01
+
+
+def test_a_beard_of_the_hairs_colour_is_followed_by_none() -> None:
+    """Hair beside it led into it: moustache and cheeks came out shaved."""
+    beard = (ROW > 110) & (ROW < 200) & (np.abs(COLUMN - 205) < 30)
+    hairy = (ROW < 60) | ((np.abs(COLUMN - 205) < 16) & (ROW > 80) & READ)
+    colour = np.where((hairy | beard)[:, None], HAIR_TONE * 0.6, TONE).astype(np.float32)
+    own = ZONES.skin & (ZONES.hidden < 0.1) & beard & (ROW > 116)
+    for share, most in ((0.5, 0.01), (0.0, 1.0)):
+        read = parts(**{f"p{HAIR}": 0.95 * hairy, f"p{BEARD}": share * (beard & ~hairy)})
+        cover = finer_cover(CHART, seen(colour), read, ZONES)[own].mean()
+        assert cover <= most
+    assert cover > 0.5, "what was not read as beard is a lock"
 
 
 def test_colours_of_which_none_are_alike_tell_nothing() -> None:
