@@ -376,8 +376,8 @@ def choose(
     several = list(dict.fromkeys(bank.style(int(row)) for row in rows))
     doubt = {name: -float(np.log(max(share, UNLIKELY))) for name, share in matches.kinds(bank).items()}
     best = min(tried(several, sight, skin, seed, read), key=lambda one: one.loss + OF_KIND * doubt[kind_of(one.style)])
-    changes = {changed: change for change in _changes() if (changed := change(best.style)) != best.style}
-    changes = {changed: change for changed, change in changes.items() if not _bristles(changed)}
+    made = ((change(best.style), change) for change in _changes())
+    changes = {changed: change for changed, change in made if changed != best.style and not _bristles(changed)}
     other = tried(list(changes), sight, skin, seed, read)
     helpful = sorted((one for one in other if one.loss < best.loss - KEEP), key=lambda one: one.loss)
     if helpful:

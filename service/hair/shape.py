@@ -207,10 +207,10 @@ def without_stumps(
     """
     share, least_m = least
     cell, _ = sight.visible(*sight.project(cut[:, -1]))
-    length = length_of(whole)
-    short = (length_of(cut) < share * length) & (length > least_m)
+    length, remains = length_of(whole), length_of(cut)
+    short = (remains < share * length) & (length > least_m)
     stump = kept & short & np.isfinite(sight.behind)[cell] & (cut[:, -1, 1] > HANGS_BELOW_M)
-    like = np.flatnonzero(kept & ~stump & (length_of(cut) > least_m))
+    like = np.flatnonzero(kept & ~stump & (remains > least_m))
     if not stump.any() or len(like) < BESIDE:
         return cut, kept
     left, made, bare = np.flatnonzero(stump), cut.copy(), _without_hair(sight)
@@ -223,9 +223,9 @@ def without_stumps(
         free = ~(seen & bare[at] & np.isfinite(sight.behind)[at]).any(1)
         made[left[free]] = tried[free]
         left, near = left[~free], near[~free]
-    gone = np.zeros(len(kept), bool)
-    gone[left] = True
-    return made, kept & ~gone
+    kept = kept.copy()
+    kept[left] = False
+    return made, kept
 
 
 def _ends(height: Float32, hair: Float32) -> float:

@@ -248,8 +248,8 @@ def make_texture(
         layers = []
         for seen, part, strands, black, dark in known.sights:
             # On the scalp of a head that wears no mesh, hair is the head's own however far it is followed.
-            cover = np.maximum(strands if bald else strands * (1 - zones.scalp), dark if telling else black)
-            layers.append(_layer(chart, zones, seen, part, np.maximum(cover, black), bald=bald))
+            cover = np.maximum(strands if bald else strands * (1 - zones.scalp), black)
+            layers.append(_layer(chart, zones, seen, part, np.maximum(cover, dark) if telling else cover, bald=bald))
         mixed = blend(chart, layers, [one for _, one, _ in views], zones)
         unwrapped, part, found = mixed.layer.unwrapped, mixed.layer.parts, mixed.layer.found
         scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
