@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from service.arrays import Float32, Float64, UInt8
+from service.arrays import Bool, Float32, Float64, UInt8
+from service.colour import bytes_to_linear
 from service.errors import NumericFault
 from service.face.reading import reader
 from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, OTHER, SKIN
@@ -163,6 +164,8 @@ def read_hair(pixels: UInt8, reading: Reading, network: HairNetwork | None = Non
         log.warning("the hair is not read: %s", fault)
         return None
     mask = together(said.mask, parts) * inside
+    dyed = coloured_as_hair(region.cut(pixels, CELLS), mask * known, parts) & inside
+    mask, known = np.maximum(mask, dyed), np.maximum(known, dyed)
     agrees = agreement(pixels, region, np.minimum(mask, known))
     return HairReading(
         region, mask, known, np.asarray(parts[..., BACKGROUND], np.float32), said.direction,
@@ -229,6 +232,37 @@ def with_curls(kinds: Mapping[str, Mapping[str, float]], agrees: float | None) -
     least = LEAST_TOLD * max(max(fits.values()), 1e-12)
     chance = {name: share**TRUSTED * max(fits[name], least) for name, share in kinds["curl"].items()}
     return {**kinds, "curl": {name: share / sum(chance.values()) for name, share in chance.items()}}
+
+
+UNSURE = 0.65
+"""Probability of any part up to which the reader of faces does not know what hides the head."""
+DYE, NEARER, FEWEST_CELLS = 0.8, 0.6, 150
+"""How far dyed hair is from grey and from skin, natural logarithm of one channel over another; how near a cell is to
+it over its distance from skin; and fewest cells that tell either."""
+
+
+def coloured_as_hair(crop: UInt8, hair: Float32, parts: Float32) -> Bool:
+    """(H, W) cells that hide the head, nobody knows how, and have the colour of dyed hair beside them.
+
+    A fringe of a colour that no hair grows in is neither hair nor hat nor hand to the reader of faces.
+
+    Args:
+        crop: (H, W, 3) uint8 sRGB of the cells.
+        hair: (H, W) in [0, 1], probability of hair that is seen.
+        parts: (H, W, 13) probabilities of the parts.
+    """
+    log = np.log(np.maximum(bytes_to_linear(crop), 2e-3))
+    hue = np.stack([log[..., 0] - log[..., 1], log[..., 2] - log[..., 1]], -1)
+    sure, skin = hair > SURE, parts[..., SKIN] > SURE
+    if int(sure.sum()) < FEWEST_CELLS or int(skin.sum()) < FEWEST_CELLS:
+        return np.zeros(hair.shape, np.bool_)
+    own, other = np.median(hue[sure], 0), np.median(hue[skin], 0)
+    if min(float(np.abs(own).max()), float(np.linalg.norm(own - other))) < DYE:
+        return np.zeros(hair.shape, np.bool_)
+    hidden = parts[..., HAT] + parts[..., OTHER]
+    unsure = (parts.max(-1) < UNSURE) & (hidden > 0.15) & (parts[..., BACKGROUND] < hidden)
+    nearer = np.linalg.norm(hue - own, axis=-1) < NEARER * np.linalg.norm(hue - other, axis=-1)
+    return np.asarray(unsure & nearer)
 
 
 WITNESS_HAIR, WITNESS_SKIN, LEAST_OWN = (0.4, 0.8), (0.7, 1.0), 0.1

@@ -355,7 +355,9 @@ def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
     roots = skin.even
     cell, seen = sight.visible(*sight.project(roots.position))
     shown = seen & (sight.facing(roots) > 0)
-    known, without = sight.known[cell], (sight.known * (1 - sight.hair))[cell]
+    # Where something hides most of it, the little that is known tells nothing.
+    known = sight.known * (sight.known > SURE)
+    known, without = known[cell], (known * (1 - sight.hair))[cell]
 
     def bare(weight: Float32) -> float:
         """Share without hair of what the photo shows of a place; 0 where it shows too little of it."""

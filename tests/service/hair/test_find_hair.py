@@ -164,6 +164,8 @@ def test_no_crown_is_bald_that_the_photo_does_not_show() -> None:
     assert seen_thinning(bald, higher, SKIN).crown == 1, "a fitted skull that is too high counted as hair"
     hidden = dataclasses.replace(horseshoe.sight, known=np.zeros_like(known))
     assert seen_thinning(bald, hidden, SKIN).receding == 0, "what a hat hides has not receded"
+    doubtful = dataclasses.replace(front.sight, known=0.4 * front.sight.known, hair=np.zeros_like(known))
+    assert seen_thinning(bald, doubtful, SKIN).crown == 0, "a fringe that nobody could name left the crown bald"
 
 
 def test_styles_that_are_tried_are_gathered_as_the_reading_says() -> None:

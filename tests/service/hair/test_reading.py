@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.face.finder import FaceFinder
-from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, PARTS, SKIN
+from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, OTHER, PARTS, SKIN
 from service.face.reading.reader import CELLS as READER_CELLS
 from service.face.reading.reader import PART_CELLS, Readers, Reading, crop_of, read_face
 from service.face.region import Region
@@ -19,6 +19,7 @@ from service.hair.reading import (
     SIDE,
     HairNetwork,
     agreement,
+    coloured_as_hair,
     read_hair,
     region_of,
     together,
@@ -126,6 +127,29 @@ def test_a_hat_hides_whether_there_is_hair() -> None:
     at = inner.region.to_crop(found.cells, 1)
     within = ((at > 0.05) & (at < 0.95)).all(1).reshape(CELLS, CELLS)
     assert found.known[within].max() == 0
+
+
+def test_a_fringe_of_the_colour_of_dyed_hair_is_hair() -> None:
+    """A turquoise fringe was neither hair nor hat for sure, and the head got a bald crown."""
+    turquoise, grey, skin = (np.array(colour, np.uint8) for colour in ((64, 150, 157), (80, 80, 82), (161, 121, 114)))
+    crop = np.empty((CELLS, CELLS, 3), np.uint8)
+    hair, parts = np.zeros((CELLS, CELLS), np.float32), np.zeros((CELLS, CELLS, len(PARTS)), np.float32)
+    crop[:], parts[..., SKIN] = skin, 1.0
+    crop[:40], hair[:20] = turquoise, 1.0
+    parts[:20] = np.eye(len(PARTS))[HAIR]
+    parts[20:40] = 0.4 * np.eye(len(PARTS))[HAT] + 0.35 * np.eye(len(PARTS))[OTHER] + 0.25 * np.eye(len(PARTS))[HAIR]
+    fringe = np.zeros((CELLS, CELLS), bool)
+    fringe[20:40] = True
+    assert (coloured_as_hair(crop, hair, parts) == fringe).all()
+    hat = crop.copy()
+    hat[20:40] = grey
+    assert not coloured_as_hair(hat, hair, parts).any(), "a hat of another colour became hair"
+    brown = crop.copy()
+    brown[:40] = (70, 50, 40)
+    assert not coloured_as_hair(brown, hair, parts).any(), "a brown hat need not be brown hair"
+    sure = parts.copy()
+    sure[20:40] = np.eye(len(PARTS))[HAT]
+    assert not coloured_as_hair(crop, hair, sure).any(), "what the reader knows is not asked again"
 
 
 def test_the_sample_photo_has_hair_over_the_forehead_and_none_on_the_face() -> None:
