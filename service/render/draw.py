@@ -22,7 +22,7 @@ from service.render.fibres import widened
 HIDDEN = 1e-3
 """Share of a fragment's light that reaches the camera below which it is not lit."""
 LAYER = 1000
-"""Triangles of a part that are drawn at once, from near to far: what lies behind solid cards is left out."""
+"""Triangles of a part that are drawn at once, from near to far, of those that no solid card of earlier layers hides."""
 REACH = 16
 """Samples to each side of a triangle's middle between which all is looked at that may hide it."""
 SOLID = 0.95
@@ -321,41 +321,12 @@ def _opacity(pixel: Int64, share: Float64, order: Int64) -> Float32:
     return alpha
 
 
-@dataclass(frozen=True)
-class _Extents:
-    """Where triangles lie, T of them.
-
-    Attributes:
-        near: (T,) depth of the nearest corner.
-        middle: (T,) flat sample in the middle.
-        large: (T,) whether they reach beyond ``REACH`` around it.
-    """
-
-    near: Float64
-    middle: Int64
-    large: Bool
-
-    @classmethod
-    def of(cls, flat: Float64, depth: Float64, triangles: Int32, shape: tuple[int, int]) -> _Extents:
-        corners = [flat[corner] for corner in triangles.T]
-        low, high = np.minimum.reduce(corners), np.maximum.reduce(corners)
-        middle = np.clip(np.nan_to_num(0.5 * (low + high)), 0, np.array(shape[::-1]) - 1).astype(np.int64)
-        near = np.minimum.reduce([depth[corner] for corner in triangles.T])
-        return cls(near, middle[:, 1] * shape[1] + middle[:, 0], (high - low).max(1) > 2 * (REACH - 1))
-
-    def shown(self, some: slice, farthest: Float32) -> Int64:
-        """Which of some triangles may be nearer than ``farthest`` (h, w) anywhere."""
-        import cv2
-
-        around = np.asarray(cv2.dilate(farthest, np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8))).ravel()
-        hidden = ~self.large[some] & (self.near[some] > around[self.middle[some]])
-        return np.asarray(np.flatnonzero(~hidden) + some.start, np.int64)
-
-
 def _sheer(
     drawn: DrawnPart, projected: Projected, farthest: Float32, chart: Float32 | None
 ) -> list[tuple[SeenPart, Int64]]:
     """Fragments of a part that is not opaque, and their keys; where it is solid, ``farthest`` (h, w) becomes nearer."""
+    import cv2
+
     height, width = farthest.shape
     flat, depth = projected(drawn.part.vertices)
     kept = drawn.part.material.double_sided | (signed_area(flat, drawn.triangles) < 0)
@@ -365,10 +336,16 @@ def _sheer(
     if drawn.fibres is not None:
         level = drawn.fibres.levels(flat, triangles, drawn.corners_uv)
     front = front[np.argsort(sum(depth[corner] for corner in drawn.triangles[front].T), kind="stable")]
-    extents = _Extents.of(flat, depth, triangles[front], farthest.shape)
-    made = []
-    for first in range(0, len(front), LAYER):
-        some = front[extents.shown(slice(first, first + LAYER), farthest)]
+    corners = flat[triangles[front].T]  # (3, T, 2)
+    low, high = corners.min(0), corners.max(0)
+    column, row = np.clip(np.nan_to_num(0.5 * (low + high)), 0, (width - 1, height - 1)).astype(np.int64).T
+    middle, near = row * width + column, depth[triangles[front].T].min(0)
+    near[(high - low).max(1) > 2 * (REACH - 1)] = 0  # not all that may hide them is looked at
+    left, made = np.arange(len(front)), []
+    while len(left):
+        around = np.asarray(cv2.dilate(farthest, np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8))).ravel()
+        left = left[near[left] <= around[middle[left]]]
+        some, left = front[left[:LAYER]], left[LAYER:]
         found = fragments(flat, depth, triangles[some], width, height, nearer=farthest)
         if not len(found.pixel):
             continue
