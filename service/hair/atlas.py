@@ -16,6 +16,7 @@ import numpy as np
 
 from service.arrays import AnyInt, Float32, Int32, Int64, UInt8
 from service.colour import linear_to_srgb
+from service.geometry.mesh import unit
 
 SAMPLES = 64
 """Places along a strand at which it may turn."""
@@ -195,10 +196,11 @@ def draw_atlas(strokes: Strokes, side: int, roots: Float32, rng: np.random.Gener
 
     def averaged(values: Float32, step: int, usual: Float32) -> Float32:
         """Unit vectors of what is shown, as means over ``step`` texels of a side; ``usual`` where nothing is."""
-        image = np.zeros((side, side, values.shape[1]), np.float32)
-        image.reshape(-1, values.shape[1])[at] = values
+        image = np.zeros((side, side, len(usual)), np.float32)
+        texel = f"V{4 * len(usual)}"  # moved as one thing: a quarter of the time of so many numbers
+        image.view(texel).ravel()[at] = values.view(texel)[:, 0]
         small = cv2.resize(image, (side // step, side // step), interpolation=cv2.INTER_AREA) + usual
-        return np.asarray(small / np.linalg.norm(small, axis=2, keepdims=True), np.float32)
+        return unit(small)
 
     upright = np.array([0, 0, 2e-3], np.float32)
     normal = averaged(np.stack([turned[stroke], lean[stroke], np.ones_like(run)], 1), 2, upright)

@@ -182,13 +182,12 @@ class Ribbons:
         cls, strands: Float32, at: Float64, count: int, body: Field, scalp: Scalp, rng: np.random.Generator
     ) -> Ribbons:
         """At most ``count`` ribbons with rows ``at`` (S + 1,) along the bundles of strands (N, P, 3)."""
-        coarse = np.einsum("rp,npc->nrc", _window(strands.shape[1], np.linspace(0, 1, 8)), strands)
+        coarse = _sampled(strands, np.linspace(0, 1, 8))
         # Where they begin and end tells bundles apart more than where they run.
         weight = np.array([1.4, 1, 1, 1, 1, 1, 1, 1.2], np.float32)[:, None]
         label = kmeans((coarse * weight).reshape(len(strands), -1), min(count, max(len(strands) // 2, 1)), 4, rng)
         number = np.bincount(label).astype(np.float32)
-        weights = _window(strands.shape[1], at)
-        own = np.einsum("rp,npc->nrc", weights, strands)
+        own = _sampled(strands, at)
         line = _means(label, own, len(number))
         step = line[:, -1] - line[:, -2]
         line[:, -1] += step * np.float32(LONGER / (1 - at[-2]))
@@ -313,18 +312,19 @@ def places(length: float, rows: int) -> Float64:
     return np.asarray(np.linspace(0, 1, rows + 1) ** np.clip(power, 1.0, MOST_UNEVEN))
 
 
-def _window(points: int, along: Float64) -> Float32:
-    """(rows, points) weights of a line's points for each of its rows: means over as much as a row stands for.
+def _sampled(lines: Float32, along: Float64) -> Float32:
+    """(N, R, 3) rows of lines (N, P, 3) at places (R,) in [0, 1]: means over as much as a row stands for."""
+    from scipy.sparse import csr_matrix
 
-    Args:
-        points: of the line.
-        along: (rows,) where the rows lie, in [0, 1].
-    """
+    points = lines.shape[1]
     at = ((points - 1) * along)[:, None]
     # The window gets narrower towards root and tip, where the line has to be met.
     wide = np.minimum(np.maximum(np.gradient(at[:, 0])[:, None], 1.0), np.minimum(at, points - 1 - at) + 1.0)
     weight = np.maximum(1 - np.abs(np.arange(points)[None] - at) / wide, 0)
-    return np.asarray(weight / weight.sum(1, keepdims=True), np.float32)
+    weight /= weight.sum(1, keepdims=True)
+    # Most weights are 0.
+    made = csr_matrix(weight.astype(np.float32)) @ np.moveaxis(lines, 1, 0).reshape(points, -1)
+    return np.ascontiguousarray(np.moveaxis(made.reshape(len(along), -1, 3), 1, 0))
 
 
 def _between(lines: Float32, at: AnyFloat) -> Float32:
@@ -342,7 +342,7 @@ def _single_hairs(groom: Groom, edge: Bool, at: Float64, budget: int, body: Fiel
     chosen = chosen if len(chosen) <= 0.7 * most else rng.choice(chosen, int(0.7 * most), replace=False)
     rest = rng.choice(len(groom), min(most - len(chosen), len(groom)), replace=False)
     chosen = np.concatenate([chosen, rest])
-    line = np.einsum("rp,npc->nrc", _window(groom.strands.shape[1], at), groom.strands[chosen])
+    line = _sampled(groom.strands[chosen], at)
     shift = rng.normal(0, 0.0009, (len(chosen), 1, 3)).astype(np.float32)
     out = unit(-body.slope(line[:, 0]))[:, None]
     shift -= out * (shift * out).sum(2, keepdims=True)

@@ -506,7 +506,7 @@ def resampled(lines: Float32, share: Float32, points: int) -> Float32:
     base = reach * np.arange(len(lines))[:, None]
     place = np.searchsorted((gone + base).ravel(), (wanted + base).ravel(), side="right").reshape(wanted.shape)
     place = np.clip(place - np.arange(len(lines))[:, None] * lines.shape[1] - 1, 0, lines.shape[1] - 2)
-    row = np.arange(len(lines))[:, None]
-    run = np.maximum(gone[row, place + 1] - gone[row, place], 1e-12)
-    part = np.clip((wanted - gone[row, place]) / run, 0, 1)[..., None]
-    return np.asarray((lines[row, place] * (1 - part) + lines[row, place + 1] * part), np.float32)
+    flat, start = lines.reshape(-1, 3), np.arange(len(lines))[:, None] * lines.shape[1] + place
+    before = gone.take(start)
+    part = np.clip((wanted - before) / np.maximum(gone.take(start + 1) - before, 1e-12), 0, 1)[..., None]
+    return np.asarray(flat.take(start, 0) * (1 - part) + flat.take(start + 1, 0) * part, np.float32)

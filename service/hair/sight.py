@@ -168,7 +168,7 @@ class Sight:
         across, down = at[..., 0], at[..., 1]
         inside = (across >= 0) & (across < CELLS) & (down >= 0) & (down < CELLS)
         rows, columns = (np.clip(each, 0, CELLS - 1).astype(np.int64) for each in (down, across))
-        return (rows, columns), np.asarray(inside & (depth < self.behind[rows, columns] + BEFORE_M))
+        return (rows, columns), np.asarray(inside & (depth < self.behind.take(rows * CELLS + columns) + BEFORE_M))
 
     def read(self, values: Float32, points: AnyFloat) -> tuple[Float32, Bool]:
         """(...) values (C, C) of the square where points (..., 3) are seen, 0 elsewhere; and whether they are."""
@@ -180,18 +180,22 @@ class Sight:
         if not len(strands):
             return Drawn(np.zeros((CELLS, CELLS), np.float32), np.zeros((CELLS, CELLS, 2), np.float32))
         at, depth = self.project(strands)
-        run = np.diff(at, axis=1)
-        length = np.sqrt(run[..., 0] * run[..., 0] + run[..., 1] * run[..., 1])
+        begin = [np.ascontiguousarray(part) for part in (at[:, :-1, 0], at[:, :-1, 1], depth[:, :-1])]
+        run = [part[:, 1:] - part[:, :-1] for part in (at[..., 0], at[..., 1], depth)]
+        length = np.sqrt(run[0] * run[0] + run[1] * run[1])
         pieces = int(np.clip(np.ceil(np.quantile(length, 0.99)), 1, 8))
-        share = ((np.arange(pieces) + 0.5) / pieces).astype(np.float32)[:, None, None]
-        samples = at[:, :-1] + share[..., None] * run
-        deep = depth[:, :-1] + share * np.diff(depth, axis=1)
-        (rows, columns), seen = self.visible(samples, deep)
-        place = np.flatnonzero(seen)
-        flat, piece = (rows * CELLS + columns).ravel()[place], place % length.size
+        limit, cells, places = (self.behind + np.float32(BEFORE_M)).ravel(), [], []
+        for share in ((np.arange(pieces) + 0.5) / pieces).astype(np.float32):
+            x, y, deep = ((first + share * way).ravel() for first, way in zip(begin, run, strict=True))
+            inside = np.flatnonzero((x >= 0) & (x < CELLS) & (y >= 0) & (y < CELLS))
+            cell = y[inside].astype(np.int64) * CELLS + x[inside].astype(np.int64)
+            seen = np.flatnonzero(deep[inside] < limit[cell])
+            cells.append(cell[seen])
+            places.append(inside[seen])
+        cell, place = np.concatenate(cells), np.concatenate(places)
         sums = [
-            np.bincount(flat, (row / pieces).ravel()[piece], CELLS * CELLS).reshape(CELLS, CELLS)
-            for row in (length, run[..., 0], run[..., 1])
+            np.bincount(cell, (row / pieces).ravel()[place], CELLS * CELLS).reshape(CELLS, CELLS)
+            for row in (length, run[0], run[1])
         ]
         dense = blurred(np.stack(sums, -1).astype(np.float32), SOFT_CELLS)
         covered = ramp(1 - np.exp(-dense[..., 0] * 10_000 / len(strands) / COVERS), SHOWS)
