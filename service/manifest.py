@@ -361,7 +361,7 @@ class Hair(_Strict):
     """What hair the head wears, and how sure that is."""
 
     kind: str
-    """What one would call it; "bald" and "shaved" heads wear no strands, nor does "none"."""
+    """What one would call it; a "bald" head wears no strands, nor does "none"."""
     probabilities: dict[str, Fraction]
     """Of every kind that was compared, likeliest first; empty where none was."""
     style: dict[str, JsonValue] | None

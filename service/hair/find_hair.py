@@ -39,8 +39,6 @@ UNREAD = "crop"
 """Style of a head of which nothing was read."""
 BALD = 0.22
 """Share of the visible scalp with hair on it below which a head is bald."""
-SHAVED = 0.8
-"""Probability of styles that are cropped to the skin from which on no strands are worn."""
 LEAST_SCALP = 0.35
 """Least share of the scalp in the picture that has to be seen for the hair not to be in doubt."""
 POOR, DOUBTFUL = 0.6, 0.5
@@ -60,7 +58,7 @@ class SeenHair:
         read, sight: the photo's hair; None where nothing was read.
         matches: how likely the styles of the bank are; None where none was compared.
         unseen: the photo shows too little of the scalp to tell.
-        without: what a head is called that wears no strands: none, bald or shaved; empty where strands are worn.
+        without: what a head is called that wears no strands: none or bald; empty where strands are worn.
     """
 
     skin: Scalp | None = None
@@ -100,8 +98,7 @@ def see_hair(
     seen = SeenHair(skin, read, sight, matches, known < LEAST_SCALP)
     if seen.unseen:
         return seen
-    cropped = asked.length_mm is None and matches.probability[read_bank().cropped].sum() > SHAVED
-    return replace(seen, without="bald" if grown < BALD else "shaved" if cropped else "")
+    return replace(seen, without="bald" if grown < BALD else "")
 
 
 def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands: int, seed: int) -> WornHair:
@@ -335,8 +332,10 @@ KIND, OF_KIND = 0.1, 0.05
 bank together leave, minus the logarithm of the probability: a kind wins, and no single style by luck."""
 LEAST_FRINGE_MM = 40.0
 """Shortest fringe of hair that is more than twice as long."""
-LESS_STRAIGHT = 0.45
-"""Factor on the odds of straight hair: long waves, whose strands run alike from place to place, are read as such."""
+LESS_STRAIGHT: float = 0.45
+SLIGHT: Curl = "2a"
+"""Factor on the odds of straight hair below which it is slightly wavy instead: long waves, whose strands run alike from
+place to place, are read as straight."""
 KEEP = 0.004
 """Gain below which a number stays as the bank has it."""
 _LENGTH, _GATHERED = (list(KINDS).index(name) for name in ("length", "gathered"))
@@ -402,7 +401,9 @@ def usual_curl(bank: Bank, matches: Matches, read: HairReading) -> Curl:
     of_class = np.array([int(name[0]) - 1 for name in types])
     told = np.maximum([read.kinds["curl"].get(name, 0.0) for name in CURLS], 1e-6)
     odds = told * np.bincount(of_class, share, len(CURLS))
-    odds[CURLS.index("straight")] *= LESS_STRAIGHT
+    if odds.argmax() == (straight := CURLS.index("straight")):
+        slightly = odds[straight] * LESS_STRAIGHT < max(np.delete(odds, straight))
+        return SLIGHT if slightly else types[0]
     likely = np.where(of_class == odds.argmax(), share, 0)
     return types[int(np.searchsorted(np.cumsum(likely) / likely.sum(), 0.5))]
 

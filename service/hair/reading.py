@@ -260,7 +260,7 @@ def coloured_as_hair(crop: UInt8, hair: Float32, parts: Float32) -> Bool:
     if min(float(np.abs(own).max()), float(np.linalg.norm(own - other))) < DYE:
         return np.zeros(hair.shape, np.bool_)
     hidden = parts[..., HAT] + parts[..., OTHER]
-    unsure = (parts.max(-1) < UNSURE) & (hidden > 0.15) & (parts[..., BACKGROUND] < hidden)
+    unsure = (parts.max(-1) < UNSURE) & (hidden > 0.15) & (parts[..., BACKGROUND] < hidden + parts[..., HAIR])
     nearer = np.linalg.norm(hue - own, axis=-1) < NEARER * np.linalg.norm(hue - other, axis=-1)
     return np.asarray(unsure & nearer)
 

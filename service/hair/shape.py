@@ -344,14 +344,19 @@ def seen_share(strands: Float32, sight: Sight) -> Float32:
 BALD_TOP, LEAST_TOLD = 0.6, 0.2
 """Share of what the photo tells of the top that is bare, from which on the crown behind it is bald, too, and the share
 of a place of which it has to tell."""
+LONG_MM, HIGH_FOREHEAD = 120.0, 0.3
+"""Length at sides and back from which on nobody's top is bald, and the most that the hairline recedes there."""
 
 
 def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
     """The style without thinning that the photo does not show.
 
     It does not show how densely hair grows nor, from the front, whether the crown is bald, unless all before it is;
-    where it shows hair at the temples, or a hat, that has not receded beside them either.
+    where it shows hair at the temples, or a hat, that has not receded beside them either. Above hair that hangs long,
+    bare skin is a high forehead.
     """
+    if is_long(style):
+        return dataclasses.replace(style, density=1.0, crown=0.0, receding=min(style.receding, HIGH_FOREHEAD))
     roots = skin.even
     cell, seen = sight.visible(*sight.project(roots.position))
     shown = seen & (sight.facing(roots) > 0)
@@ -367,6 +372,24 @@ def seen_thinning(style: Style, sight: Sight, skin: Scalp) -> Style:
     temples, top = bare(recedes(roots) * shown), bare(bridge(roots) * shown)
     crown = style.crown if top > BALD_TOP or sight.visible(*sight.project(CROWN))[1] else 0.0
     return dataclasses.replace(style, density=1.0, crown=crown, receding=style.receding * min(temples / BALD_TOP, 1.0))
+
+
+def is_long(style: Style) -> bool:
+    """Whether loose hair is so long that nobody's top is bald above it."""
+    return style.gather == "none" and min(style.sides_mm, style.back_mm) > LONG_MM
+
+
+def not_bald(sight: Sight, skin: Scalp) -> Sight:
+    """What the photo shows of a head with long hair: behind the forehead it tells nothing where it shows none.
+
+    Under a hat the head is fitted too low, and the forehead lies where the top should.
+    """
+    roots = skin.even
+    cell, seen = sight.visible(*sight.project(roots.position[bridge(roots) > BRIDGED]))
+    top = np.zeros_like(sight.known)
+    top[cell[0][seen], cell[1][seen]] = 1
+    bare = (blurred(top, 1.0) > 0.2) & (sight.hair < SURE)
+    return dataclasses.replace(sight, known=np.where(bare, np.float32(0), sight.known))
 
 
 SIDE_TIE_M = 0.075
@@ -401,6 +424,8 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     """
     rng = np.random.default_rng([seed, 0xC07])
     style = seen_thinning(one_plait(style, sight), sight, skin)
+    if is_long(style):
+        sight = not_bald(sight, skin)
     groom = to_hairline(make_groom(style, seed, strands, skin, photo_combing(sight)), sight, skin, rng)
     moved = groom.strands
     for _ in range(2):

@@ -194,6 +194,21 @@ def test_curls_are_those_of_one_class_that_reading_and_styles_both_have() -> Non
     assert told([0.1, 1.0, 0.6, 0.1], [0.01, 0.13, 0.62, 0.25])[0] == "3"
     assert told([1.0, 1.0, 0.0, 0.0], [0.2, 0.7, 0.1, 0.0])[0] == "2"
     assert told([0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0])[0] == "2", "no style like this has curls"
+    assert told([0.6, 1.0, 0.0, 0.0], [0.65, 0.35, 0.0, 0.0]) == "2a", "long waves came out straight"
+    assert told([1.0, 1.0, 0.0, 0.0], [0.9, 0.1, 0.0, 0.0]) == "1"
+
+
+def test_a_forehead_under_a_hat_is_no_bald_top() -> None:
+    """Under a brim the head is fitted too low: skin was seen where the top should be, and long hair ended there."""
+    long = dataclasses.replace(NAMED["long_wavy"], crown=1.0, receding=1.0)
+    seen = photographed(NAMED["long_wavy"], 3, HEAD)
+    rows = np.arange(CELLS)[:, None] < np.flatnonzero(np.isfinite(seen.sight.behind).any(1))[0] + CELLS // 6
+    bare = dataclasses.replace(
+        seen.sight, hair=np.where(rows, 0, seen.sight.hair), known=np.ones_like(seen.sight.known)
+    )
+    worn, usual = fitted(long, bare, SKIN, 0, 3000)[0], make_groom(NAMED["long_wavy"], 0, 3000, SKIN)
+    front = [((one.strands[:, 0] - CENTRE)[:, 1:] > [0.04, 0.0]).all(1).sum() for one in (worn, usual)]
+    assert front[0] > 0.8 * front[1], front
 
 
 def test_a_kind_is_chosen_and_no_single_style_by_luck(monkeypatch: pytest.MonkeyPatch) -> None:
