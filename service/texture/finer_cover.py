@@ -21,7 +21,7 @@ from service.face.reading.part_labels import BEARD, BROW, GLASSES, HAIR, IRIS, L
 from service.geometry.chart import Chart
 from service.image_filters import blurred
 from service.robust import smoothstep
-from service.texture.unwrap import Unwrapped, Zones, wears_glasses
+from service.texture.unwrap import Unwrapped, Zones, near_eyes, wears_glasses
 
 DARKEST = 2e-3
 """Linear value at which logarithms stop."""
@@ -55,8 +55,8 @@ SUSPECTED = (0.04, 0.12)
 """Probability of glasses from which on lines are rims, and from which on surely."""
 
 
-def finer_cover(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) -> Float32:
-    """(N,) float32 in [0, 1], 1 where a strand or a rim hides skin.
+def finer_cover(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) -> tuple[Float32, Float32]:
+    """(N,) float32 in [0, 1], 1 where a strand hides skin, and (N,) where a rim of glasses does.
 
     Args:
         chart: of the head.
@@ -68,11 +68,12 @@ def finer_cover(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones
     colour = np.log(np.maximum(srgb_to_linear(unwrapped.colour), np.float32(DARKEST)))
     features = 1 - smoothstep(parts[:, [BROW, BEARD, LIP, IRIS, SCLERA, MOUTH]].sum(1), *OWN_FEATURES)
     free = chart.spread((features * zones.skin * seen)[:, None].astype(np.float32))[..., 0]
-    found = _followed(chart, colour, unwrapped.weight, parts, zones)
+    strands, rims = _followed(chart, colour, unwrapped.weight, parts, zones), np.zeros_like(free)
     if wears_glasses(parts, unwrapped.weight, zones):
         suspected = smoothstep(chart.spread(parts[:, [GLASSES]])[..., 0], *SUSPECTED)
-        found = np.maximum(found, suspected * _lines(chart, colour @ LUMA, seen))
-    return np.asarray((found * free).ravel()[chart.texels], np.float32)
+        rims = suspected * _lines(chart, colour @ LUMA, seen) * (1 - near_eyes(chart, parts))
+    both = np.stack([strands, rims]) * free
+    return tuple(np.ascontiguousarray(both.reshape(2, -1)[:, chart.texels]))
 
 
 def _followed(chart: Chart, colour: Float32, weight: Float32, parts: Float32, zones: Zones) -> Float32:

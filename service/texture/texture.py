@@ -31,6 +31,7 @@ from service.texture.part_colours import Parts, paint_parts
 from service.texture.unwrap import (
     Unwrapped,
     Zones,
+    behind_glasses,
     covered,
     parts_at,
     parts_of_face,
@@ -197,25 +198,56 @@ DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
 
 
 @dataclass(frozen=True)
+class Shown:
+    """What one photo shows of a head, whatever hair it will wear, at the inner texels (N,).
+
+    Attributes:
+        unwrapped: the photo on them.
+        parts: (N, 13) float32 probabilities.
+        strands, rims, black: (N,) float32 in [0, 1], how far strands, glasses and blackness hide the head.
+        dark: (N,) float32 in [0, 1], how far darkness hides its colour.
+    """
+
+    unwrapped: Unwrapped
+    parts: Float32
+    strands: Float32
+    rims: Float32
+    black: Float32
+    dark: Float32
+
+    @classmethod
+    def of(cls, chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None) -> Shown:
+        """A photo and its reading; where nothing was read, nothing is known to hide the head."""
+        unwrapped = unwrap(photo, fit, chart)
+        if reading is None:
+            nothing = np.zeros_like(unwrapped.weight)
+            return cls(unwrapped, parts_of_face(chart, unwrapped, zones), nothing, nothing, nothing, nothing)
+        parts = parts_at(reading, fit, unwrapped)
+        read = chart, unwrapped, parts, zones
+        dark, black = in_the_dark(*read)
+        black = np.maximum(black, dark * (1 - zones.face))  # what is dark beside the face may be a collar
+        return cls(unwrapped, parts, *finer_cover(*read), black, dark)
+
+
+@dataclass(frozen=True)
 class Unwrappings:
     """What photos show of one head, whatever hair it will wear.
 
     Attributes:
         zones: of the inner texels (N,).
-        sights: of each photo what it shows, the parts (N, 13) read there, and (N,) how far strands and rims, and
-            blackness, hide the head, and darkness its colour; 0 where nothing was read.
+        sights: of each photo.
         normals: (H, W, 3) float32 unit, of the head in head space, continued beyond the islands.
     """
 
     zones: Zones
-    sights: tuple[tuple[Unwrapped, Float32, Float32, Float32, Float32], ...]
+    sights: tuple[Shown, ...]
     normals: Float32
 
     @classmethod
     def of(cls, chart: Chart, views: Sequence[tuple[Photo, Fit, Reading | None]]) -> Unwrappings:
         """Unwrap photos, each with its own fit of the head, the first with that of the texture."""
         zones, vertices = Zones.of(chart), views[0][1].vertices
-        sights = tuple(_sight(chart, zones, *view) for view in views)
+        sights = tuple(Shown.of(chart, zones, *view) for view in views)
         return cls(zones, sights, chart.fill_outside(chart.normals(vertices)))
 
 
@@ -245,11 +277,7 @@ def make_texture(
 
     def made(telling: bool) -> tuple[list[Layer], Blend, Completed, Parts]:
         """What photos show, mixed and completed, with eyes and mouth; ``telling``: what tells no colour, too."""
-        layers = []
-        for seen, part, strands, black, dark in known.sights:
-            # On the scalp of a head that wears no mesh, hair is the head's own however far it is followed.
-            cover = np.maximum(strands if bald else strands * (1 - zones.scalp), black)
-            layers.append(_layer(chart, zones, seen, part, np.maximum(cover, dark) if telling else cover, bald=bald))
+        layers = [_layer(chart, zones, one, bald=bald, telling=telling) for one in known.sights]
         mixed = blend(chart, layers, [one for _, one, _ in views], zones)
         unwrapped, part, found = mixed.layer.unwrapped, mixed.layer.parts, mixed.layer.found
         scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
@@ -264,7 +292,7 @@ def make_texture(
     layers, mixed, completed, parts = made(telling=True)
     unwrapped, part, weight, found = mixed.layer.unwrapped, mixed.layer.parts, mixed.layer.weight, mixed.layer.found
     texture, bright = chart.fill_outside(chart.spread(parts.colour)), None
-    if any((dark > 0.5).any() for *_, dark in known.sights):
+    if any((one.dark > 0.5).any() for one in known.sights):
         texture, bright = chart.fill_outside(chart.spread(made(telling=False)[-1].colour)), to_bytes(texture)
     roots = None
     if bald:
@@ -291,29 +319,20 @@ def make_texture(
     )  # fmt: skip
 
 
-def _sight(
-    chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None
-) -> tuple[Unwrapped, Float32, Float32, Float32, Float32]:
-    """One of the sights of :class:`Unwrappings`."""
-    unwrapped = unwrap(photo, fit, chart)
-    if reading is None:
-        nothing = np.zeros_like(unwrapped.weight)
-        return unwrapped, parts_of_face(chart, unwrapped, zones), nothing, nothing, nothing
-    part = parts_at(reading, fit, unwrapped)
-    read = chart, unwrapped, part, zones
-    dark, black = in_the_dark(*read)
-    black = np.maximum(black, dark * (1 - zones.face))  # what is dark beside the face may be a collar
-    return unwrapped, part, finer_cover(*read), black, dark
-
-
-def _layer(chart: Chart, zones: Zones, unwrapped: Unwrapped, part: Float32, cover: Float32, *, bald: bool) -> Layer:
-    """What one photo shows of the head."""
-    weight = unwrapped.weight
-    hidden = np.maximum(covered(part, zones, bald=bald), cover)
-    hidden = np.maximum(widened(chart, hidden) if bald else hidden, shows_opening(part, zones))
+def _layer(chart: Chart, zones: Zones, shown: Shown, *, bald: bool, telling: bool) -> Layer:
+    """What one photo shows of the head; ``telling``: what tells no colour is hidden, too."""
+    unwrapped, parts, weight = shown.unwrapped, shown.parts, shown.unwrapped.weight
+    # On the scalp of a head that wears no mesh, hair is the head's own however far it is followed.
+    strands = shown.strands if bald else shown.strands * (1 - zones.scalp)
+    hidden = np.maximum.reduce([covered(parts, zones, bald=bald), strands, shown.black])
+    if telling:
+        hidden = np.maximum(hidden, shown.dark)
+    if bald:
+        hidden = widened(chart, hidden)
+    hidden = np.maximum.reduce([hidden, behind_glasses(chart, parts, shown.rims), shows_opening(parts, zones)])
     bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
     unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)
-    return Layer(unwrapped, part, weight, segment(chart, unwrapped, part, zones))
+    return Layer(unwrapped, parts, weight, segment(chart, unwrapped, parts, zones))
 
 
 def _per_photo(

@@ -215,8 +215,12 @@ class Zones:
         return cls(skin, *np.ascontiguousarray(chart.inside(np.stack(rows, 1)).T))
 
 
-BEFORE = (BACKGROUND, GLASSES, HAT, CLOTH, OTHER)
+BEFORE = (BACKGROUND, HAT, CLOTH, OTHER)
 """Parts that are never the head's own surface; hair is its own only on the scalp."""
+WORN, BROWED, LIDDED, LIDS = (0.3, 0.55), (0.15, 0.4), 0.1, 0.01
+"""Range of the probability of glasses, over that of a brow, from which on they hide the head; of the probability of a
+brow from which on they do not; least probability of an eye that is seen behind them, and the distance from it, over the
+chart's width, within which its lids are: 4 mm."""
 RAMP = (0.25, 0.55)
 """Probability up to which a texel counts as seen, and from which on as hidden."""
 SHADOW = 0.009
@@ -256,7 +260,7 @@ def parts_of_face(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> Float32:
 
 
 def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:
-    """(N,) float32 in [0, 1], 1 where the photo shows something before the head.
+    """(N,) float32 in [0, 1], 1 where the photo shows something before the head that is no glasses.
 
     Args:
         parts: (N, 13) as :func:`parts_at` gives them.
@@ -285,6 +289,30 @@ def widened(chart: Chart, hidden: Float32) -> Float32:
     image = cv2.dilate(chart.spread(hidden[:, None])[..., 0], kernel)
     soft = blurred(image, reach / 2)
     return np.maximum(soft.ravel()[chart.texels], hidden)
+
+
+def behind_glasses(chart: Chart, parts: Float32, rims: Float32) -> Float32:
+    """(N,) float32 in [0, 1], 1 where glasses hide the head.
+
+    Through clear lenses a person's own brows, lids and lashes are seen, which nothing else tells; skin beside rims,
+    which they tint and shade, is as elsewhere.
+
+    Args:
+        chart: of the head.
+        parts: (N, 13) as :func:`parts_at` gives them.
+        rims: (N,) in [0, 1], those that are thinner than the reader's cells.
+    """
+    seen = near_eyes(chart, parts).ravel()[chart.texels] * (1 - rims)
+    own = np.maximum(smoothstep(parts[:, BROW], *BROWED), seen)
+    hidden = widened(chart, np.maximum(smoothstep(parts[:, GLASSES] - parts[:, BROW], *WORN), rims))
+    return np.asarray(hidden * (1 - own), np.float32)
+
+
+def near_eyes(chart: Chart, parts: Float32) -> Float32:
+    """(H, W) float32 in [0, 1], 1 on the lids of eyes that the parts (N, 13) show, 0 elsewhere."""
+    eyes = chart.spread((parts[:, [IRIS, SCLERA]].sum(1) > LIDDED)[:, None].astype(np.float32))[..., 0]
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(LIDS * chart.width) + 1,) * 2)
+    return blurred(np.asarray(cv2.dilate(eyes, disc), np.float32), LIDS * chart.width / 4)
 
 
 SURFACE = (SKIN, BROW, BEARD, LIP)

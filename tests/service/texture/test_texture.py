@@ -62,7 +62,7 @@ def test_skin_too_dark_for_its_colour_to_be_told_is_completed(shade: tuple[float
     fit, reading = fitted(HEAD, turned(0)), read_off(HEAD, turned(0), _parts)
     known = Unwrappings.of(CHART, [(dark_half, fit, reading)])
     texture = make_texture(dark_half, fit, CHART, reading, known=known)
-    place, dark = POINTS[CHART.texels // CHART.width, CHART.texels % CHART.width], known.sights[0][-1]
+    place, dark = POINTS[CHART.texels // CHART.width, CHART.texels % CHART.width], known.sights[0].dark
     hidden = (dark > 0.9) & (place[:, 0] > 0.01)
     assert hidden.sum() > 200
     half = np.unravel_index(CHART.texels[hidden], SKIN_MASK.shape)
@@ -80,7 +80,7 @@ def test_a_black_collar_that_was_read_as_skin_does_not_blacken_the_neck(monkeypa
     fit, reading = fitted(HEAD, turned(0)), read_off(HEAD, turned(0), _parts)
     known = Unwrappings.of(CHART, [(collared, fit, reading)])
     texture = make_texture(collared, fit, CHART, reading, known=known)
-    neck = (known.sights[0][0].weight > 0.2) & (place[:, 1] < low - 0.004)
+    neck = (known.sights[0].unwrapped.weight > 0.2) & (place[:, 1] < low - 0.004)
     assert neck.sum() > 50
     assert np.median(texture.texture[np.unravel_index(CHART.texels[neck], SKIN_MASK.shape)]) > 80
 

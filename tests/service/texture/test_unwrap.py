@@ -14,12 +14,14 @@ from scipy.spatial import cKDTree
 
 from service.face.reading.part_labels import (
     BACKGROUND,
+    BROW,
     CLOTH,
     GLASSES,
     HAIR,
     HAT,
     OTHER,
     PARTS,
+    SCLERA,
     SKIN,
 )
 from service.face.reading.reader import CELLS, PART_CELLS, Reading
@@ -28,7 +30,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.map_registry import SEEN
 from service.texture.texture import Texture, make_texture
-from service.texture.unwrap import Zones, covered, parts_at, segment, unwrap
+from service.texture.unwrap import Zones, behind_glasses, covered, parts_at, segment, unwrap
 from tests.service.texture.scenes import SKIN as TONE
 from tests.service.texture.scenes import fitted, photograph, plain, read_off, turned
 
@@ -52,11 +54,31 @@ def reading(part: int, left_half: bool = True) -> Reading:
 def test_the_part_hides_its_half_and_no_more(part: int) -> None:
     """One pixel off, or x and y exchanged, and the border would not lie in the middle of the face."""
     unwrapped, zones = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART), Zones.of(CHART)
-    hidden = covered(parts_at(reading(part), FIT, unwrapped), zones)
+    parts = parts_at(reading(part), FIT, unwrapped)
+    hidden = behind_glasses(CHART, parts, 0 * parts[:, 0]) if part == GLASSES else covered(parts, zones)
     shown = (unwrapped.weight > 0) & (zones.scalp == 0)
-    x = CAMERA.project(unwrapped.position)[:, 0]
-    assert (hidden[shown & (x < 195)] > 0.99).all() and (hidden[shown & (x > 205)] < 0.01).all()
-    assert (hidden[unwrapped.weight == 0] == 0).all()
+    x, margin = CAMERA.project(unwrapped.position)[:, 0], 30 * (part == GLASSES)  # with their shade
+    assert (hidden[shown & (x < 195 - margin)] > 0.99).all() and (hidden[shown & (x > 205 + margin)] < 0.01).all()
+    assert part == GLASSES or (hidden[unwrapped.weight == 0] == 0).all()
+
+
+def test_brows_and_lids_are_seen_through_glasses() -> None:
+    """Brows and eyes of those who wear glasses were completed as if they had none."""
+    unwrapped, zones = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART), Zones.of(CHART)
+    shown, none = unwrapped.weight > 0, np.zeros(len(unwrapped.weight), np.float32)
+    place = unwrapped.position
+    brow = shown & (np.abs(place[:, 1] - 0.02) < 0.004) & (np.abs(np.abs(place[:, 0]) - 0.032) < 0.012)
+    eye = shown & (np.hypot(np.abs(place[:, 0]) - 0.032, place[:, 1]) < 0.006)
+    cheek = shown & zones.skin & (np.abs(place[:, 1] + 0.02) < 0.004) & (np.abs(place[:, 0]) < 0.05)
+    assert brow.sum() > 20 and eye.sum() > 20 and cheek.sum() > 20
+    parts = np.zeros((len(shown), len(PARTS)), np.float32)
+    parts[:, SKIN], parts[shown & (place[:, 1] > -0.03) & (place[:, 1] < 0.03), GLASSES] = 0.4, 0.5
+    worn = parts.copy()
+    worn[brow, BROW], worn[eye, SCLERA] = 0.5, 0.5
+    clear, dark = behind_glasses(CHART, worn, none), behind_glasses(CHART, parts, none)
+    assert clear[brow].max() < 0.1 and clear[eye].max() < 0.1 < 0.4 < clear[cheek].min()
+    assert dark[brow].min() > 0.4 and dark[eye].min() > 0.4, "nothing is seen through dark lenses"
+    assert behind_glasses(CHART, worn, np.asarray(cheek, np.float32))[cheek].min() > 0.99
 
 
 def test_hair_on_the_scalp_is_the_head_s_own() -> None:
