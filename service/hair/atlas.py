@@ -109,9 +109,9 @@ class Strokes:
         way = inner[:, None] + own + bend
         way = 0.97 * way / (1 + way**6) ** (1 / 6)
         begin = rng.uniform(0, ragged[0], count)
-        loss = ragged[1] * rng.beta(1.1, 2.0, count) if density < 2 else rng.uniform(0, ragged[1], count)
         # Strands at the sides are shorter, so that a ribbon ends in a point and not in a line.
-        end = np.clip(ends[chosen] - loss * (0.3 + 0.7 * np.abs(apart)), begin + 0.1, 1.0)
+        loss = ragged[1] * (0.45 * rng.beta(1.1, 2.0, count) + 0.55 * np.abs(apart) ** 1.5)
+        end = np.clip(ends[chosen] - loss, begin + 0.1, 1.0)
         thick = rng.uniform(0.75, 1.3, count) * (1.0 if density < 2 else 1.2)
         f = np.float32
         return cls(

@@ -395,7 +395,8 @@ def _drawn(
         strands = rng.choice(strands, min(len(strands), 200), replace=False)
         size = float(2 * inner.half.mean()), float(inner.length.mean())
         shown = offset[strands], ends[strands], colours[strands]
-        made.append(Strokes.filling(cell, *shown, size, 2.6, (0.01, 0.12), rng))
+        ragged = float(np.clip(RAGGED_M / max(size[1], 1e-6), *RAGGED))
+        made.append(Strokes.filling(cell, *shown, size, 2.6, (0.01, ragged), rng))
     of_hair = SINGLE + kmeans(tints[hairs.label], 2 * STRIPS, 5, rng)
     for cell in np.unique(of_hair):
         strands = hairs.label[of_hair == cell]
