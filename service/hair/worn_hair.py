@@ -104,17 +104,19 @@ def hair_in_albedo(
     middle = np.clip(usual * light, 1e-3, 0.9)
     # Strands that are brighter than the rest mirror more than the rest.
     beside = np.clip(luma(white) / luma(middle), *MIRRORS)[..., None]
-    own = without_gloss(white, mirrored(middle) * beside)
+    # Of hair that has a hue no more than is drawn again: that of black hair is what it mirrors.
+    hued = brown and middle.min() < (1 - NEUTRAL) * middle.max()
+    own = without_gloss(white, (min(mirrored(middle), MIRRORED) if hued else mirrored(middle)) * beside)
     if brown:  # nor is a strand that the light blew out
         own = np.minimum.accumulate(own, -1)
-    if greyed(np.median(own.reshape(-1, 3), 0)):
-        doubt = grey_doubt(light)
-        own = (1 - doubt) * own + doubt * as_absorbed(own, dyed_from=np.inf).linear(KNOTS)
+    grey = greyed(np.median(own.reshape(-1, 3), 0))
+    redder = not grey and bool(groom.colour.dye.any())  # than melanin, as the photo shows it so
+    if grey or brown:
+        doubt = grey_doubt(light) if grey else HUE_DOUBT
+        own = (1 - doubt) * own + doubt * as_absorbed(own, dyed_from=np.inf, redder=redder).linear(KNOTS)
         unlit_colour = as_absorbed(own, dyed_from=0.0)
     else:
-        # Redder than melanin only as the photo shows it so: what is mirrored has been taken off, which reddens.
-        redder = bool(groom.colour.dye.any())
-        unlit_colour = as_absorbed(own, dyed_from=np.inf if brown else DYED, redder=redder)
+        unlit_colour = as_absorbed(own, dyed_from=DYED, redder=redder)
     made = replace(unlit_colour, measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.
@@ -179,6 +181,9 @@ def greyed(albedo: Float32) -> bool:
     return bool(hue < 1 and luma(albedo) > none + (most - none) * hue)
 
 
+HUE_DOUBT = 0.5
+"""Share of the hue of brown hair, where it is none that melanin has, that is the photo's light or what it mirrors: real
+hair lies about melanin's colours as far as these are told."""
 LIGHT_HUE, HAIR_HUE = (0.1, 0.35), 0.35
 """Standard deviation of the logarithm of red over blue: of white light as it is told, and what it grows by with that
 logarithm of coloured light; and of hair about melanin of its brightness."""

@@ -440,7 +440,9 @@ def test_brown_hair_under_a_blue_sky_is_brown() -> None:
     groom = dataclasses.replace(seen.groom, colour=colour)
     worn = WornHair(groom, "crop", {}, np.ones(len(groom), np.float32), in_photo_light=True)
     made = hair_in_albedo(worn, (), np.array([1.72, 1.7, 1.49], np.float32))[0].groom
-    assert made is not None and not made.colour.dye.any()
+    assert made is not None
+    red, green, blue = np.median(made.colour.linear().reshape(-1, 3), 0)
+    assert red > 1.3 * green > 1.5 * blue
 
 
 def test_grey_hair_is_neither_striped_nor_blond() -> None:
@@ -513,7 +515,7 @@ def test_what_strands_mirror_is_not_in_their_albedo() -> None:
     golden = unlit([0.205, 0.119, 0.046], (1.066, 0.976, 1.044))
     assert golden[0] < 1.95 * golden[1], golden[0] / golden[1]
     faint = unlit([0.1, 0.076, 0.069])
-    assert faint.min() < 0.3 * faint.max(), "brown hair that mirrors the sky"
+    assert faint.min() < 0.4 * faint.max(), "brown hair that mirrors the sky"
     levels = np.geomspace(1e-5, 0.9, 50).astype(np.float32)
     np.testing.assert_allclose(without_gloss(with_gloss(levels)), levels, rtol=1e-4)
     none = np.zeros(3, np.float32)
