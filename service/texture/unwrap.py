@@ -376,9 +376,9 @@ def _slivers(chart: Chart, seen: Float32, zones: Zones) -> Bool:
     _, label, found, _ = cv2.connectedComponentsWithStats(shown)
     island = np.asarray(label.ravel()[chart.texels])
     inside = cv2.distanceTransform(shown, cv2.DIST_L2, 3)
-    half = np.zeros(len(found))
-    np.maximum.at(half, label.ravel().astype(np.int64), inside.ravel())
-    small = (found[:, cv2.CC_STAT_AREA] < SLIVER * label.size) | (half < THIN * label.shape[1])
+    wide = np.zeros(len(found), bool)
+    wide[label[inside >= THIN * label.shape[1]]] = True
+    small = (found[:, cv2.CC_STAT_AREA] < SLIVER * label.size) | ~wide
     small[island[zones.face > 0.5]] = False
     return np.asarray(small[island])
 
