@@ -49,7 +49,7 @@ LEAST_NEAR = 0.003
 """Least share of hair, and of skin, beside a texel that is asked."""
 RIM = 0.0035
 """Half the width of the widest rim, over the chart's width: 1.5 mm."""
-CONTRAST = (0.10, 0.25)
+CONTRAST = (0.05, 0.15)
 """Contrast of a line, natural logarithm of luminance, from which on it is a rim, and from which on surely."""
 SUSPECTED = (0.04, 0.12)
 """Probability of glasses from which on lines are rims, and from which on surely."""
