@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int32, UInt8
+from service.arrays import AnyFloat, AnyInt, Float32, Int32, UInt8
 from service.errors import ModelFault
 from service.face.fit.fit import Fit
+from service.geometry.raster import interpolate
 from service.head.model import HeadModel
 from service.materials.material import Material
 from service.materials.part import MeshPart, targets_of
@@ -27,13 +28,6 @@ from service.materials.part import MeshPart, targets_of
 DATA = Path(__file__).resolve().parents[1] / "data"
 FILE, MOUTH_FILE = DATA / "hair" / "wearables.npz", DATA / "head" / "mouth.npz"
 """What is worn; and teeth, gums and tongue."""
-
-
-def carried(share: Float32, follow: Int32, offsets: AnyFloat, out: Float32 | Float64) -> Float32:
-    """(N, 3) float32 sums of the offsets (V, 3) of vertices ``follow`` (N, k) by ``share`` (N, k), added to ``out``."""
-    for k in range(follow.shape[1]):
-        out += np.multiply(share[:, k : k + 1], offsets[follow[:, k]], dtype=out.dtype)
-    return np.asarray(out, np.float32)
 
 
 @dataclass(frozen=True)
@@ -65,7 +59,7 @@ class Item:
 
     def moved(self, moved: AnyFloat) -> Float32:
         """(N, 3) float32 by how much the vertices follow a movement (V, 3) of the head."""
-        return carried(self.share, self.follow, moved, np.zeros_like(self.rest))
+        return interpolate(np.asarray(moved, np.float32), self.follow, self.share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +88,7 @@ class Inset:
 
     def moved(self, offsets: AnyFloat) -> Float32:
         """(N, 3) float32 metres by which it follows offsets (V, 3) of the head."""
-        return carried(self.share, self.follow, offsets, np.zeros((len(self.rest), 3)))
+        return np.asarray(interpolate(np.asarray(offsets, np.float64), self.follow, self.share), np.float32)
 
 
 @dataclass(frozen=True)

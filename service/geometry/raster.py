@@ -202,11 +202,13 @@ def fragments(
     return Fragments(*map(np.concatenate, (pixels, owners, weights, depths)))
 
 
-def interpolate(values: Float32, corners: AnyInt, weights: Float32) -> Float32:
-    """(N, C) float32 of ``values`` (V, C) at barycentric ``weights`` (N, 3) of vertices ``corners`` (N, 3)."""
+def interpolate(values: AnyFloat, corners: AnyInt, weights: Float32) -> AnyFloat:
+    """(N, C), of their type, of ``values`` (V, C) at barycentric or other ``weights`` (N, k) of vertices ``corners``
+    (N, k).
+    """
     from scipy.sparse import csr_array
 
-    rows = np.arange(0, corners.size + 1, 3)  # as a matrix of three entries a row: several times as fast as np.take
+    rows = np.arange(0, corners.size + 1, corners.shape[1])  # several times as fast as np.take, as a sparse matrix
     return np.asarray(csr_array((weights.ravel(), corners.ravel(), rows), (len(corners), len(values))) @ values)
 
 
