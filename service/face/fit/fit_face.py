@@ -18,7 +18,7 @@ from service.face.features.eye_colours import cheek_colour, eye_colours, light_f
 from service.face.features.eyes import SeenRims, eyes_at_rest, eyes_on_rims, find_gaze, lids_on_rims, with_gaze
 from service.face.features.mouth import lips_on_rim, measure_teeth
 from service.face.features.rims import RIMS
-from service.face.fit.dense import Correspondences, DenseTerms, correspondences, reading_agreement
+from service.face.fit.dense import Correspondences, DenseTerms, NormalTerm, correspondences, reading_agreement
 from service.face.fit.fit import Fit, FitSettings
 from service.face.fit.landmark_fit import (
     ANNEAL,
@@ -34,7 +34,7 @@ from service.face.fit.landmark_fit import (
     weigh_landmarks,
 )
 from service.face.fit.outline import OutlineFinder, Softened, light_on_face
-from service.face.fit.solver import POSE, Damping, NormalPrior, PointTerm, Prior, State, Term, minimise
+from service.face.fit.solver import POSE, Damping, NormalPrior, PointTerm, Prior, State, Term, linear, minimise
 from service.face.fit.stereo import Picture, stereo_terms
 from service.face.reading.openings import Scores, with_openings
 from service.face.reading.reader import View
@@ -53,6 +53,9 @@ SKULL_SIGMA_M = 0.008
 """Standard deviation among people of the crown's height above the face, metres; 0.0078 among ICT-FaceKit's."""
 HARDLY = 0.02
 """Least weight of what is still followed."""
+SQUARELY_DEG = (52.0, 68.0)
+"""Yaw up to which landmarks and the normals that were read are followed where places were read, and from which on they
+are not: both turn profiles some degrees to the camera."""
 BESIDE_SPOTS = 0.25
 """Weight of the places that were read in a photo that shares spots with others: the reader errs alike in all photos."""
 MORE_FORM = 2
@@ -95,6 +98,41 @@ def skull_height(head: HeadModel, model: LandmarkModel) -> NormalPrior:
     return NormalPrior((crown - middle) / SKULL_SIGMA_M)
 
 
+def placing(term: Term, state: State, identities: int) -> Term:
+    """A term that knows the first coefficients as they are at a state and moves them no more."""
+    if not isinstance(term, PointTerm | NormalTerm):
+        return term
+    modes = term.modes.copy()
+    modes[..., :identities] = 0.0
+    if isinstance(term, NormalTerm):
+        return replace(term, modes=modes)
+    known = linear(term.mean, term.modes[..., :identities], state.coefficients[:identities])
+    return replace(term, mean=known, modes=modes)
+
+
+def placed(
+    states: Sequence[State], priors: Sequence[Prior], dense: Sequence[DenseTerms | None], model: LandmarkModel
+) -> list[State]:
+    """The states, turned photos where the places say that were read off them.
+
+    By landmarks a head that is turned by 75 degrees is turned by 61 to 74, by places by 71 to 77: from there spots find
+    each other.
+    """
+    lower, upper = bounds(model)
+    active = np.arange(len(lower)) < POSE
+    for _ in range(6):
+        terms: list[list[Term]] = [
+            [] if read is None or abs(state.yaw_deg) < SQUARELY_DEG[0]
+            else [placing(read.points(state), state, model.shape_count), prior]
+            for state, prior, read in zip(states, priors, dense, strict=True)
+        ]  # fmt: skip
+        states = minimise(
+            states, terms, shared=identity_of(model), lower=lower, upper=upper, damping=Damping(), steps=STEPS,
+            active=active,
+        )  # fmt: skip
+    return list(states)
+
+
 def _refined(
     sights: Sequence[ObservedPhoto], head: HeadModel, model: LandmarkModel, components: int, *, normals: bool
 ) -> list[tuple[LandmarkFit, Float64 | None]]:
@@ -128,6 +166,8 @@ def _refined(
     skull = OutlineFinder(head, "scalp") if "scalp" in head.region_names else None
     plain = np.arange(model.shape_count) < components
     height = skull_height(head, model)
+    if len(sights) > 1:
+        states = placed(states, priors, dense, model)
     damping = Damping()
     # Further rounds, of several photos, with the spots that these have in common.
     # Spots move the head further than a second round does: the outline is searched as far as in the first.
@@ -140,26 +180,30 @@ def _refined(
             spots = stereo_terms(head, [Picture.of(*photo, head, state, shape) for photo, state, shape in seen])
         terms: list[list[Term]] = []
         for k, (sight, state, shape, read) in enumerate(zip(sights, states, shapes, dense, strict=True)):
+            # Beside photos that share spots, one that shares none is only placed: what it says of the shape is worse.
+            heard = bool(spots[k]) or not any(spots)
             points = weigh_landmarks(state, model.at_yaw(state.yaw_deg), sight.observed, ANNEAL[-1])[1]
             own: list[Term] = [points, priors[k], *([height] if k == 0 else [])]
             if read is not None:
-                # Yaw from which on landmarks and the normals that were read are not followed where places were read,
-                # and up to which they are: the landmark network draws the hidden half of profiles, and both turn these
-                # some degrees to the camera. Places in profile are off as well, by more than the other photos are.
-                squarely = max(float(smoothstep(np.array(abs(state.yaw_deg)), 68.0, 52.0)), HARDLY)
+                # The landmark network draws the hidden half of profiles. Places in profile are off by more than the
+                # other photos are.
+                squarely = max(float(smoothstep(np.array(abs(state.yaw_deg)), *SQUARELY_DEG[::-1])), HARDLY)
                 # A photo alone and from the front is told by its landmarks more, and less by the prior of identity.
                 frontal = float(smoothstep(np.array(abs(state.yaw_deg)), 25.0, 12.0)) * (len(sights) == 1)
                 own[0] = replace(points, precision=points.precision * squarely * (1.0 + frontal))
                 own[1] = replace(priors[k], shape_precision=priors[k].shape_precision * (1.0 - 0.7 * frontal * plain))
                 places = read.points(state)
                 say = squarely * (BESIDE_SPOTS if spots[k] else 1.0)
-                own.append(places if len(sights) == 1 else replace(places, precision=places.precision * say))
+                own.append(
+                    places if len(sights) == 1 or not heard else replace(places, precision=places.precision * say)
+                )
                 own += [read.normals(state, shape)] if normals and squarely > HARDLY else []
             outline = contour.term(soft[k], photos[k][1], state, shape, reach)
             end = None
             if read is not None and skull is not None and sight.view.reading is not None:
                 end = skull.crown_term(sight.view.reading, sight.view.photo.size, state, shape)
-            terms.append([*own, *(term for term in (outline, end) if term is not None), *spots[k]])
+            own += [term for term in (outline, end) if term is not None]
+            terms.append([*own, *spots[k]] if heard else [placing(one, state, model.identity_count) for one in own])
         states = minimise(
             states, terms, shared=identity_of(model), lower=lower, upper=upper, damping=damping, steps=STEPS,
             active=np.ones(POSE + model.shape_count, bool),

@@ -104,8 +104,14 @@ class Picture:
 
     @property
     def uneven(self) -> float:
-        """How much the light differs over the face: standard deviation of the logarithm without brows and lips."""
-        return float(blurred(self.grey, 12.0)[self.face].std()) if self.face.any() else 0.0
+        """How hard the light on the face is: standard deviation of its luma over the mean, but for noise and pores.
+
+        Over the mean, or dim photos would count as even ones; brows and lips are the same in all.
+        """
+        if not self.face.any():
+            return 0.0
+        luma_ = blurred(np.exp(self.grey), NEAR)[self.face] - 8.0
+        return float(luma_.std() / max(float(luma_.mean()), 1.0))
 
     def cells(self, points: Float64) -> tuple[Float64, Float64]:
         """(N, 2) cells of head-space points, centres at +0.5, and (N,) their depths, metres."""

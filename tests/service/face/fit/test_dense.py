@@ -10,9 +10,9 @@ from service.arrays import Float64
 from service.face.finder import Face
 from service.face.fit.dense import DenseTerms, correspondences, normal_derivative
 from service.face.fit.fit import FitSettings
-from service.face.fit.fit_face import fit_views
-from service.face.fit.landmark_fit import LandmarkModel, extended
-from service.face.fit.solver import POSE, State
+from service.face.fit.fit_face import fit_views, placed, placing, prior_for
+from service.face.fit.landmark_fit import LandmarkModel, extended, identity_of
+from service.face.fit.solver import POSE, State, System
 from service.face.reading.openings import EYE, STATIONS, Opening
 from service.face.reading.part_labels import PARTS, SKIN
 from service.face.reading.reader import CELLS, PART_CELLS, Reading, View, crop_of
@@ -129,6 +129,38 @@ def test_what_is_read_wrong_alike_in_all_photos_yields_to_the_spots_that_they_sh
     shared = fit_views([View(skin, face, reading) for face, _, skin, reading in views], head)[0]
     errors = [error_mm(head, one.neutral, truth) for one in (even, shared)]
     assert errors[1] < 0.8 * errors[0], errors
+
+
+def test_a_photo_that_only_places_the_head_moves_no_coefficient_of_the_shape(wide: HeadModel) -> None:
+    truth = somebody(wide)
+    _, _, reading = seen(wide, truth)
+    model, camera = LandmarkModel(wide, len(wide.identity)), camera_at(8.0, FOCAL)
+    state = State(camera.rotation, camera.translation[:2], np.log(FOCAL), 0.0, np.full(model.shape_count, 0.1))
+    dense = DenseTerms(wide, correspondences(wide, reading, state, MIDDLE))
+    for term in (dense.points(state), dense.normals(state, truth)):
+        heard = System.of([term], state)
+        silent = System.of([placing(term, state, model.identity_count)], state)
+        kept = np.r_[:POSE, POSE + model.identity_count : len(heard.gradient)]
+        assert silent.gradient[kept] == pytest.approx(heard.gradient[kept], rel=1e-3, abs=1e-3)
+        assert not silent.gradient[identity_of(model)].any() and not silent.hessian[identity_of(model)].any()
+        assert heard.hessian[identity_of(model)].any()
+
+
+def test_turned_photos_are_placed_by_what_was_read_of_them(head: HeadModel) -> None:
+    """Landmarks turn a profile towards the camera, further than spots are searched."""
+    truth = somebody(head)
+    _, photo, reading = seen(head, truth, 75.0)
+    model = LandmarkModel(head, len(head.identity))
+    prior = prior_for(photo, model, FitSettings())
+    by_landmarks = camera_at(60.0, FOCAL)
+    known = np.zeros(model.shape_count)
+    known[:60] = np.random.default_rng(4).normal(size=60)
+    start = State(by_landmarks.rotation, by_landmarks.translation[:2], np.log(FOCAL), 0.0, known)
+    dense = DenseTerms(head, correspondences(head, reading, start, MIDDLE))
+    [found] = placed([start], [prior], [dense], model)
+    assert abs(found.yaw_deg - camera_at(75.0, FOCAL).yaw_pitch_roll_deg()[0]) < 2.0
+    assert (found.coefficients == known).all()
+    assert placed([start], [prior], [None], model) == [start]
 
 
 def test_normals_bend_the_shape_where_places_are_vague(head: HeadModel) -> None:

@@ -102,6 +102,15 @@ def test_profiles_are_compared_with_no_photo_and_of_one_direction_only_the_most_
     assert pairs(states[-1:], [0.1]) == pairs([], []) == []
 
 
+def test_hard_light_is_uneven_in_a_dim_photo_too(head: HeadModel) -> None:
+    state = state_of(head, 0.0, coefficients_of(head, 1))
+    even, hard = photo_of(head, state, 150.0), photo_of(head, state, 30.0)
+    hard[:, : SIZE // 2] = hard[:, : SIZE // 2] // 2
+    pictures = [Picture.of(photo, MIDDLE, head, state, shape(head, state)) for photo in (even, hard)]
+    assert pictures[0] is not None and pictures[1] is not None
+    assert pictures[1].uneven > 2 * pictures[0].uneven
+
+
 @pytest.mark.parametrize("light", [0.0, 128.0])
 def test_photos_of_nothing_share_no_spots(head: HeadModel, light: float) -> None:
     """Contrast is divided by: that of even skin is 0."""
