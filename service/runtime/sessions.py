@@ -67,7 +67,7 @@ TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
 """Parameters of mallopt(3)."""
 
 HEAPS = 1
-"""A second one took `standard` 50 MB more, and no run less time."""
+"""A second one took a standard head some 40 MB more, and no less time."""
 
 SMALL, LARGE = 4 << 20, 32 << 20
 """Bytes from which on blocks go back at once: within :func:`prompt_release`, and afterwards, which is glibc's most."""
