@@ -15,7 +15,7 @@ from service.levels import LEVELS, TEXTURE_SIZE
 from service.options import Options
 from service.reflectance.reflectance_plan import ReflectancePlan
 from service.runtime.networks import ENLARGING, Engine, Network, choose_engine, open_network
-from service.runtime.tiles import DEFAULT_TILE, SIDE_BY_SIDE_TILE, SMALL_MAP
+from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
 from service.words import WarningCode
 
@@ -160,7 +160,7 @@ def _network_seconds(name: str, speed: NetworkSpeed, texels: float) -> float:
         return speed.opening + speed.seconds
     halo, scale = speed.tiles
     area = TEXTURE_SIZE[0] * TEXTURE_SIZE[1] / 1e6 if name in ENLARGING else texels
-    side = (SIDE_BY_SIDE_TILE if 1e6 * texels <= SMALL_MAP else DEFAULT_TILE) / scale
+    side = DEFAULT_TILE / scale
     return speed.opening + speed.seconds * area * ((side + 2 * halo) / side) ** 2
 
 

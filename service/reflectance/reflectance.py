@@ -59,7 +59,7 @@ from service.reflectance.translate import Grain, MapInputs, enlarge, resample, s
 from service.runtime.network_registry import CLUES, DRAWN_DETAIL, GEOMETRY, PARTS, SHADED_GREY
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.sessions import release
-from service.runtime.tiles import DEFAULT_TILE, SIDE_BY_SIDE_TILE, SMALL_MAP
+from service.runtime.tiles import DEFAULT_TILE, SMALL_MAP
 from service.stage_cache import NoCache, StageCache
 from service.texture.photo_detail import OwnDetail
 
@@ -121,7 +121,6 @@ def make_reflectance(
     plain = replace(subject, wrinkles=1.0)  # networks make the same maps, whatever is corrected of these
     given = texture, plain, plan, size, seed, detail, tuple(without), own
     run = _Run(plan, stages, given, progress, small=size[0] * size[1] <= SMALL_MAP and tile >= DEFAULT_TILE)
-    tile = SIDE_BY_SIDE_TILE if run.small else tile
     chart, depth = subject.chart, subject.wrinkles
 
     def colour(made: Reflectance) -> Codes | None:

@@ -26,11 +26,9 @@ Indices = npt.NDArray[np.int64]
 Read = Callable[[Indices, Indices], Float32]
 """Rows (h,) and columns (w,) of the map, each within it but in any order -> (C, h, w) float32."""
 
-DEFAULT_TILE = 1024
-"""Inner side of a tile in input pixels. Of 768, margins would cost an eighth more of the networks' time."""
-
-SIDE_BY_SIDE_TILE = 768
-"""That where stages run side by side, each with tiles of its own in memory."""
+DEFAULT_TILE = 768
+"""Inner side of a tile in input pixels: two of them at once take half a gigabyte. Of 1024, networks would compute an
+eighth fewer texels, and a standard head would take 100 MB more."""
 
 SMALL_TILE = 512
 """For a machine that has too little memory: margins cost half of the time there."""
