@@ -384,9 +384,8 @@ def _drawn(
         strands = _alike(groom, ribbons.label, near)
         size = float(2 * ribbons.half[near].mean()), float(ribbons.length[near].mean())
         shown = offset[strands], ends[strands], colours[strands]
-        ragged = float(np.clip(RAGGED_M / max(size[1], 1e-6), *RAGGED))
         begins = min(SOFT_M / max(size[1], 1e-6), 0.5 if cell >= HAIRLINE else BEGINS)
-        made.append(Strokes.filling(cell, *shown, size, 1.0, (begins, ragged), rng))
+        made.append(Strokes.filling(cell, *shown, size, 1.0, (begins, _ragged(size[1])), rng))
     # The inner ribbons and the single hairs differ in colour alone.
     places = _means(inner.label, tints, len(inner.line))
     of_inner = BODY + kmeans(places, DENSE, 5, rng)
@@ -395,13 +394,17 @@ def _drawn(
         strands = rng.choice(strands, min(len(strands), 200), replace=False)
         size = float(2 * inner.half.mean()), float(inner.length.mean())
         shown = offset[strands], ends[strands], colours[strands]
-        ragged = float(np.clip(RAGGED_M / max(size[1], 1e-6), *RAGGED))
-        made.append(Strokes.filling(cell, *shown, size, 2.6, (0.01, ragged), rng))
+        made.append(Strokes.filling(cell, *shown, size, 2.6, (0.01, _ragged(size[1])), rng))
     of_hair = SINGLE + kmeans(tints[hairs.label], 2 * STRIPS, 5, rng)
     for cell in np.unique(of_hair):
         strands = hairs.label[of_hair == cell]
         made.append(Strokes.single(cell, colours[rng.choice(strands, 3)], rng))
     return Strokes.joined(made), of_ribbon, of_inner, of_hair
+
+
+def _ragged(length: float) -> float:
+    """Share of a ribbon of a length in metres over which its strands end."""
+    return float(np.clip(RAGGED_M / max(length, 1e-6), *RAGGED))
 
 
 def _alike(groom: Groom, label: Int64, near: Int64) -> Int64:

@@ -204,14 +204,14 @@ class Shown:
     Attributes:
         unwrapped: the photo on them.
         parts: (N, 13) float32 probabilities.
-        strands, rims, black: (N,) float32 in [0, 1], how far strands, glasses and blackness hide the head.
+        strands, glasses, black: (N,) float32 in [0, 1], how far strands, glasses and blackness hide the head.
         dark: (N,) float32 in [0, 1], how far darkness hides its colour.
     """
 
     unwrapped: Unwrapped
     parts: Float32
     strands: Float32
-    rims: Float32
+    glasses: Float32
     black: Float32
     dark: Float32
 
@@ -226,7 +226,8 @@ class Shown:
         read = chart, unwrapped, parts, zones
         dark, black = in_the_dark(*read)
         black = np.maximum(black, dark * (1 - zones.face))  # what is dark beside the face may be a collar
-        return cls(unwrapped, parts, *finer_cover(*read), black, dark)
+        strands, rims = finer_cover(*read)
+        return cls(unwrapped, parts, strands, behind_glasses(chart, parts, rims), black, dark)
 
 
 @dataclass(frozen=True)
@@ -329,7 +330,7 @@ def _layer(chart: Chart, zones: Zones, shown: Shown, *, bald: bool, telling: boo
         hidden = np.maximum(hidden, shown.dark)
     if bald:
         hidden = widened(chart, hidden)
-    hidden = np.maximum.reduce([hidden, behind_glasses(chart, parts, shown.rims), shows_opening(parts, zones)])
+    hidden = np.maximum.reduce([hidden, shown.glasses, shows_opening(parts, zones)])
     bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
     unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)
     return Layer(unwrapped, parts, weight, segment(chart, unwrapped, parts, zones))

@@ -193,10 +193,10 @@ def _refined(
                 own[0] = replace(points, precision=points.precision * squarely * (1.0 + frontal))
                 own[1] = replace(priors[k], shape_precision=priors[k].shape_precision * (1.0 - 0.7 * frontal * plain))
                 places = read.points(state)
-                say = squarely * (BESIDE_SPOTS if spots[k] else 1.0)
-                own.append(
-                    places if len(sights) == 1 or not heard else replace(places, precision=places.precision * say)
-                )
+                if len(sights) > 1 and heard:
+                    say = squarely * (BESIDE_SPOTS if spots[k] else 1.0)
+                    places = replace(places, precision=places.precision * say)
+                own.append(places)
                 own += [read.normals(state, shape)] if normals and squarely > HARDLY else []
             outline = contour.term(soft[k], photos[k][1], state, shape, reach)
             end = None
