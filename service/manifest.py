@@ -382,6 +382,17 @@ class Hair(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Beard(_Strict):
+    """The beard that the photo shows, where it is more than stubble."""
+
+    strands: Annotated[int, Ge(1)]
+    length_mm: Annotated[float, Ge(0)]
+    """Of the usual strands."""
+    colour: Triple
+    """As that of the hair."""
+
+
+@dataclasses.dataclass(frozen=True)
 class ModelEntry(_Strict):
     """One data file of the program that was used."""
 
@@ -445,6 +456,8 @@ class Manifest(_Strict):
     photos: list[UsedPhoto] = dataclasses.field(default_factory=list)
     """All photos of the person that were used; that of ``input``, ``camera`` and ``fit`` first, the others by hash."""
     left_out: list[LeftOut] = dataclasses.field(default_factory=list)
+    beard: Beard | None = None
+    """Null where the photo shows none."""
 
 
 def to_json(manifest: Manifest) -> bytes:

@@ -43,8 +43,10 @@ from service.face.several import Gathered, check_count, decoded, fitted, of_one_
 from service.geometry.chart import islands
 from service.hair.asked import NONE
 from service.hair.bank import read_bank
+from service.hair.beard import NAME as BEARD
+from service.hair.beard import beard_cards, grow_beard
 from service.hair.find_hair import grow_hair, see_hair
-from service.hair.worn_hair import hair_cards, hair_in_albedo, over_skin
+from service.hair.worn_hair import groom_in_albedo, hair_cards, hair_in_albedo, over_skin
 from service.head.model import HeadModel
 from service.levels import Size
 from service.light.formulas import session
@@ -154,6 +156,8 @@ def make_avatar(
         wanted = seen, photo, fit, wish, options.level.strands, options.seed
         hair = stage.beside("hair", pool, lambda: kept("hair", grow_hair, *wanted))
         cards = pool.submit(lambda: hair_cards(hair.result(), seen.skin, options.quality, options.seed))
+        grown = pool.submit(grow_beard, photo, head, fit, reading, seen.skin, options.level.strands, options.seed)
+        bristles = pool.submit(lambda: beard_cards(grown.result(), head, fit, options.quality, options.seed))
         with stage("texture"):
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
             bald = not seen.without or wish.style == NONE
@@ -165,7 +169,7 @@ def make_avatar(
         step = options.level.part_texture_step
         mouth = pool.submit(mouth_parts, head, fit, texture.tooth, step)  # made while the networks run
         eyes = pool.submit(eye_parts, head, fit, texture.iris, step)
-        parts = pool.submit(lambda: (*cards.result(), *worn(head, fit, texture.texture, brows)))
+        parts = pool.submit(lambda: (*cards.result(), *bristles.result(), *worn(head, fit, texture.texture, brows)))
 
         def compared() -> IdentitySimilarity:
             shown = [part for part in parts.result() if part.name != BROWS]  # the texture has the photo's own
@@ -178,12 +182,15 @@ def make_avatar(
 
         def so_far(made: Reflectance | None) -> Avatar:
             """The avatar with maps as far as they are made, its parts without the photo's light."""
-            own_hair, own_parts = hair.result(), parts.result()
+            own_hair, own_beard, own_parts = hair.result(), grown.result(), parts.result()
             if made is not None and made.diffuse_albedo is not None:
                 albedo = small_albedo(made.diffuse_albedo, texture.texture.shape[1::-1])
                 light = to_albedo(texture.texture, albedo, texture.lit_skin)
                 own_parts = in_albedo(own_parts, brows, head, albedo, light)
                 own_hair, own_parts = hair_in_albedo(own_hair, own_parts, light / over_skin(own_hair.groom, fit))
+                if own_beard is not None:
+                    groom, own_parts = groom_in_albedo(own_beard.groom, own_parts, light, BEARD)
+                    own_beard = replace(own_beard, groom=groom)
             return Avatar(
                 photo=photo,
                 face=face,
@@ -197,6 +204,7 @@ def make_avatar(
                 models=model_cards(head, head_file, plan.networks),
                 parts=(*coarser(own_parts, step), *mouth.result(), *eyes.result()),
                 hair=own_hair,
+                beard=None if own_beard is None else own_beard.groom,
                 own_texture=own_texture,
                 warnings=(*warnings, *(("photos-left-out",) if gathered.left_out else ())),
             )

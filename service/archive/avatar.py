@@ -16,6 +16,7 @@ from service.arrays import UInt8
 from service.face.finder import Face
 from service.face.fit.fit import Fit
 from service.hair.bank import FILE as BANK_FILE
+from service.hair.groom import Groom
 from service.hair.worn_hair import WornHair
 from service.head.files import DEFAULT_HEAD
 from service.head.model import HeadModel
@@ -102,6 +103,7 @@ class Avatar:
             pixels and the vertices are meaningful, and the manifest has null for them.
         parts: meshes beside the head's own: hair, lashes, teeth and the like; ``check_parts`` holds for them.
         hair: what the photo told of the hair; None for an external mesh.
+        beard: its strands; None without one.
         own_texture: (H, W, 3) sRGB, the texture at the photo's resolution; None: it has no more than the texture.
         similarity: identity check, or None where it did not run.
         warnings: stable codes of the run; :meth:`all_warnings` adds those of photo, face, fit and texture.
@@ -121,6 +123,7 @@ class Avatar:
     left_out: tuple[LeftOut, ...] = ()
     parts: tuple[MeshPart, ...] = ()
     hair: WornHair | None = None
+    beard: Groom | None = None
     similarity: IdentitySimilarity | None = None
     given: Given | None = None
     reflectance: Reflectance | None = None

@@ -39,6 +39,7 @@ MEMBERS = {
     "mesh/head.usda": "mesh, neutral with blendshapes and skeleton, weights of the photo's expression",
     "mesh/head.mtlx": "materials as MaterialX",
     "mesh/hair.usda": "strands of hair as curves, at rest",
+    "mesh/beard.usda": "strands of the beard as curves, at rest",
     "mesh/head_fine.obj": "mesh, photo's expression, subdivided and displaced",
     "preview/overlay.jpg": "preview of the fit",
     "preview/sheet.jpg": "preview of the result",

@@ -40,6 +40,8 @@ from service.archive.usd import curves_bytes, usda_bytes, usda_meshes
 from service.archive.usd_materials import mtlx_bytes
 from service.arrays import Float32
 from service.face.fit.fit import Fit
+from service.hair.groom import Groom
+from service.hair.scalp import length_of
 from service.hair.style import style_to_json
 from service.hair.worn_hair import WornHair
 from service.levels import LEVELS
@@ -124,9 +126,9 @@ def _meshes(
             own=drawn.result().textures,
         ),
     }
-    groom = None if avatar.hair is None else avatar.hair.groom
-    if groom is not None and len(groom) and fine_wanted:
-        files["mesh/hair.usda"] = curves_bytes(groom, f"{title}, hair")
+    for name, groom in (("hair", None if avatar.hair is None else avatar.hair.groom), ("beard", avatar.beard)):
+        if groom is not None and len(groom) and fine_wanted:
+            files[f"mesh/{name}.usda"] = curves_bytes(groom, f"{title}, {name}")
     return files | data_maps(materials, maps, values.result())
 
 
@@ -219,6 +221,7 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], parts: Sequence[MeshPar
         overlay=_overlay(avatar) if photo else None,
         photos=[_used(avatar, one) for one in avatar.sources],
         left_out=list(avatar.left_out),
+        beard=None if avatar.beard is None else _beard(avatar.beard),
     )  # fmt: skip
 
 
@@ -315,10 +318,19 @@ def _file(name: str, data: bytes) -> m.FileEntry:
     return m.FileEntry(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
 
 
+def _usual_colour(groom: Groom) -> list[float]:
+    return [round(float(value), 6) for value in np.median(groom.colour.linear().reshape(-1, 3), 0)]
+
+
+def _beard(groom: Groom) -> m.Beard:
+    length = 1000 * np.median(length_of(groom.strands))
+    return m.Beard(strands=len(groom), length_mm=round(float(length), 1), colour=_usual_colour(groom))
+
+
 def _hair(hair: WornHair) -> m.Hair:
     groom, colour, melanin = hair.groom, None, None
     if groom is not None and len(groom):
-        colour = [round(float(value), 6) for value in np.median(groom.colour.linear().reshape(-1, 3), 0)]
+        colour = _usual_colour(groom)
         melanin = [round(float(value), 4) for value in np.median(groom.colour.melanin.reshape(-1, 2), 0)]
     return m.Hair(
         kind=hair.kind,

@@ -104,17 +104,19 @@ ANISOTROPY = 0.75
 """Strength as in glTF: how much wider a highlight is across strands than along them."""
 
 
-def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tuple[MeshPart, ...]:
-    """The meshes of a head of hair, which stand still.
+def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0, name: str = HAIR) -> tuple[MeshPart, ...]:
+    """The meshes of a head of hair, or of a beard, which stand still.
 
     Args:
         groom: strands on the head at rest.
         scalp: of that head.
         budget: triangles and texels; the triangles are not exceeded.
         seed: of ribbons' turns and of what the atlas shows.
+        name: of the first mesh, with which the names of the others begin.
 
     Returns:
-        ``HAIR``, ``EDGE`` and ``CAP``; nothing where no strand grows. Faces are in order from the skin outwards.
+        As ``PARTS`` names them; a beard has no cap, as the skin shows its roots. Nothing where no strand grows. Faces
+        are in order from the skin outwards.
     """
     if not len(groom):
         return ()
@@ -122,8 +124,9 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     body = body_of(groom.strands, scalp)
     colours = groom.colour.linear(TINTS)
     edge = on_hairline(groom.strands[:, 0])
-    cap = _cap(groom, scalp)
-    wanted = {name: int(share * max(budget.triangles - len(cap[3]), 0)) for name, share in SHARES.items()}
+    cap = _cap(groom, scalp) if name == HAIR else None
+    left = max(budget.triangles - (0 if cap is None else len(cap[3])), 0)
+    wanted = {kind: int(share * left) for kind, share in SHARES.items()}
     length = float(np.median(length_of(groom.strands)))
     rows = _rows(length, len(groom), wanted["body"])
     inner_rows = max(ROWS[0], rows // 2)
@@ -135,7 +138,7 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     front = ribbons.holding(edge)
     strokes, *of = _drawn(groom, colours, ribbons, front, inner, hairs, rng)
     atlas = draw_atlas(strokes, budget.atlas, colours[:, 0].mean(0), rng)
-    return _parts(ribbons, inner, hairs, cap, of, atlas, body)
+    return _parts(name, ribbons, inner, hairs, cap, of, atlas, body)
 
 
 def _rows(length: float, strands: int, triangles: int) -> int:
@@ -436,22 +439,22 @@ def _cap(groom: Groom, scalp: Scalp) -> tuple[Float32, Float32, Float32, Int32]:
 
 
 def _parts(
-    ribbons: Ribbons, inner: Ribbons, hairs: Ribbons, cap: tuple[Float32, Float32, Float32, Int32],
+    name: str, ribbons: Ribbons, inner: Ribbons, hairs: Ribbons, cap: tuple[Float32, Float32, Float32, Int32] | None,
     cells: Sequence[Int64], atlas: Atlas, body: Field,
 ) -> tuple[MeshPart, ...]:  # fmt: skip
     hair = Material(
-        HAIR, colour_map=OwnMap(HAIR, atlas.colour), normal_map=OwnMap(f"{HAIR}_normal", atlas.normal),
-        anisotropy_map=OwnMap(f"{HAIR}_direction", atlas.direction),
-        strand_map=OwnMap(f"{HAIR}_strands", atlas.strands),
+        name, colour_map=OwnMap(name, atlas.colour), normal_map=OwnMap(f"{name}_normal", atlas.normal),
+        anisotropy_map=OwnMap(f"{name}_direction", atlas.direction),
+        strand_map=OwnMap(f"{name}_strands", atlas.strands),
         alpha="mask", cutoff=CUTOFF, double_sided=True, roughness=ROUGHNESS, ior=IOR, specular=SPECULAR,
         anisotropy=ANISOTROPY,
     )  # fmt: skip
     of_ribbon, of_inner, of_hair = cells
     body_mesh = _joined([_mesh(inner, of_inner, body), _mesh(ribbons, of_ribbon, body)])
-    edge = replace(hair, name=EDGE, alpha="blend")
-    made = [_part(HAIR, body_mesh, hair), _part(EDGE, _mesh(hairs, of_hair, body), edge)]
-    skin, upright, cover, triangles = cap
-    if len(triangles):
+    edge = replace(hair, name=f"{name}_edge", alpha="blend")
+    made = [_part(name, body_mesh, hair), _part(edge.name, _mesh(hairs, of_hair, body), edge)]
+    if cap is not None and len(cap[3]):
+        skin, upright, cover, triangles = cap
         low, high = cell_corners(np.array(CAP_CELL))
         turn = np.arctan2(skin[:, 0], skin[:, 2] + 0.07)
         place = np.stack([low[0] + (high[0] - low[0]) * np.abs(turn) / np.pi, low[1] + (high[1] - low[1]) * cover], 1)

@@ -96,7 +96,7 @@ def make_groom(
     [guides] = grow_several([(style, guide_roots, rng)], skin, wish)
     points, lock = _between(style, guide_roots, guides, roots, skin, rng)
     points = _curled(style, points, lock, rng)
-    points = _wandering(style, points, rng)
+    points = wandering(style, points, rng)
     inner = skin.over_ears.pushed(points[:, 1:], CLEARANCE_M, SHOVED_M)
     points = np.concatenate([points[:, :1], inner], 1).astype(np.float32)
     return Groom(style, points, roots.uv, lock, HairColour.of(style.melanin, len(points), rng))
@@ -185,7 +185,7 @@ def _curled(style: Style, strands: Float32, lock: Int32, rng: np.random.Generato
     return np.asarray((strands + radius[..., None] * turned), np.float32)
 
 
-def _wandering(style: Style, strands: Float32, rng: np.random.Generator) -> Float32:
+def wandering(style: Style, strands: Float32, rng: np.random.Generator) -> Float32:
     """Strands with a smooth wander of their own, more towards the tip, and most where they have left their lock."""
     count, points = strands.shape[:2]
     knots = rng.normal(0, 1, (count, 6, 3)).astype(np.float32)

@@ -11,7 +11,7 @@ from service.arrays import Float32, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb, luma
 from service.face.fit.fit import Fit
 from service.geometry.mesh import unit
-from service.hair.cards import BUDGETS, PARTS, hair_parts
+from service.hair.cards import BUDGETS, HAIR, hair_parts
 from service.hair.colour import DYED, KNOTS, NEUTRAL, as_absorbed, is_warm
 from service.hair.groom import Groom
 from service.hair.scalp import CENTRE, Scalp
@@ -92,9 +92,16 @@ def hair_in_albedo(
         parts: with those of :func:`hair_cards`; all others stay as they are.
         light: (3,) factors from colours in the photo's light on hair to albedo.
     """
-    groom = hair.groom
-    if groom is None or not hair.in_photo_light or not len(groom):
+    if hair.groom is None or not hair.in_photo_light or not len(hair.groom):
         return hair, parts
+    groom, unlit = groom_in_albedo(hair.groom, parts, light)
+    return replace(hair, groom=groom, in_photo_light=False), unlit
+
+
+def groom_in_albedo(
+    groom: Groom, parts: tuple[MeshPart, ...], light: Float32, name: str = HAIR
+) -> tuple[Groom, tuple[MeshPart, ...]]:
+    """As :func:`hair_in_albedo`, of strands, at least one, whose meshes have names that begin with ``name``."""
     seen = groom.colour.linear()
     usual = np.median(seen.reshape(-1, 3), 0)
     brown = is_warm(usual) or is_warm(usual * light)
@@ -124,12 +131,12 @@ def hair_in_albedo(
     pictures: dict[int, OwnMap] = {}
     for part in parts:
         one = part.material.colour_map
-        if part.name in PARTS and isinstance(one, OwnMap):
+        if part.name.split("_")[0] == name and isinstance(one, OwnMap):
             if id(one) not in pictures:
                 pictures[id(one)] = _recoloured(one, change)
             materials[part.material.name] = replace(part.material, colour_map=pictures[id(one)])
     unlit = tuple(replace(part, material=materials.get(part.material.name, part.material)) for part in parts)
-    return replace(hair, groom=replace(groom, colour=made), in_photo_light=False), unlit
+    return replace(groom, colour=made), unlit
 
 
 def _as_coloured(light: Float32, usual: Float32) -> Float32:

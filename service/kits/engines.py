@@ -184,7 +184,7 @@ def write_engine_kit(source: ArchiveFile, folder: Path, tool: str) -> list[Path]
     """
     charts, facts = KitCharts(source), kit_facts(source)  # what can be refused comes before what is written
     more = ("mesh/head.usda", "mesh/head.mtlx", "maps/") if tool == "maya" else ()
-    always = ("LICENSES.md", "maps/displacement.png", "maps/wrinkle_", "mesh/hair.usda")
+    always = ("LICENSES.md", "maps/displacement.png", "maps/wrinkle_", "mesh/hair.usda", "mesh/beard.usda")
     written = write_light(source, folder) + extract(source, folder, (*always, *more))
     materials = materials_of(source)
     parts = [part for part in read_parts(source.read("mesh/head.usda"), source.manifest, materials)

@@ -30,7 +30,8 @@ def write_blender_kit(source: ArchiveFile, folder: Path) -> list[Path]:
 
     facts = kit_facts(source)  # what can be refused comes before what is written
     light = write_light(source, folder)
-    written = light + extract(source, folder, ("maps/", "mesh/head.usda", "mesh/hair.usda", "LICENSES.md"))
+    wanted = ("maps/", "mesh/head.usda", "mesh/hair.usda", "mesh/beard.usda", "LICENSES.md")
+    written = light + extract(source, folder, wanted)
     facts |= {"environment": light[0].name if light else None}
     write(folder / "kit.json", (json.dumps(facts, indent=1) + "\n").encode())
     write(folder / "avatar_scene.py", SCRIPT.read_bytes())

@@ -41,8 +41,8 @@ class MeshPart:
             does not move the part is left out.
         bone: the joint that carries the part.
         replaces: names of the head's own parts in place of which this one stands; files and pictures leave those out.
-        normals: (N, 3) float32 unit, with which a part that stands still is lit in place of those of its surface: cards
-            of hair lie at all angles, and have those of the body of hair that they make up.
+        normals: (N, 3) float32 unit, with which a part is lit in every pose in place of those of its surface: cards of
+            hair lie at all angles, and have those of the body of hair that they make up.
     """
 
     name: str
@@ -60,9 +60,8 @@ class MeshPart:
     def __post_init__(self) -> None:
         checked_name(self.name, "a part")
         count = len(self.vertices)
-        if self.normals is not None and (self.normals.shape != (count, 3) or self.targets):
-            raise NumericFault(f"normals of the part {self.name} are {self.normals.shape}; ({count}, 3) is right, "
-                               "for a part without targets")  # fmt: skip
+        if self.normals is not None and self.normals.shape != (count, 3):
+            raise NumericFault(f"normals of the part {self.name} are {self.normals.shape}; ({count}, 3) is right")
         shaped = {"vertices": self.vertices, "neutral": self.neutral, **self.targets}
         for what, rows in shaped.items():
             if rows.shape != (count, 3) or not np.isfinite(rows).all():
@@ -100,14 +99,18 @@ class MeshPart:
         return tuple(one for one in self.material.maps if isinstance(one, OwnMap))
 
 
-def targets_of(head: HeadModel, moved: Callable[[Float32], AnyFloat]) -> dict[str, Float32]:
-    """Targets of a mesh that follows a head, by unit; those that move it by less than ``LEAST_M`` are left out.
+def targets_of(head: HeadModel, moved: Callable[[Float32], AnyFloat], least_m: float = LEAST_M) -> dict[str, Float32]:
+    """Targets of a mesh that follows a head, by unit; those that move it by less than ``least_m`` are left out.
 
-    ``moved`` gives, for offsets (V, 3) of the head, those (N, 3) of the mesh, metres.
+    ``moved`` gives, for offsets (V, 3) of the head, those (N, 3) of the mesh, metres. Vertices that move less stay.
     """
-    units = zip(head.expression_names, head.expression, strict=True)
-    all_of_them = {unit: np.asarray(moved(offsets), np.float32) for unit, offsets in units}
-    return {unit: offsets for unit, offsets in all_of_them.items() if np.abs(offsets).max() > LEAST_M}
+    targets = {}
+    for unit, offsets in zip(head.expression_names, head.expression, strict=True):
+        own = np.asarray(moved(offsets), np.float32)
+        own[np.abs(own).max(1) <= least_m] = 0
+        if own.any():
+            targets[unit] = own
+    return targets
 
 
 def check_parts(parts: Sequence[MeshPart], taken: Sequence[str]) -> None:

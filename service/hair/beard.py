@@ -1,0 +1,309 @@
+"""A beard of strands: where the photo shows one, as long and in the colour that it shows, moving with the face.
+
+::
+
+    parts that were read --see--> how much of it grows where, how far it hangs --grow--> Groom --cards--> meshes
+
+Hair of the face has its own way: down the cheeks, aside from under the nose, forward from the chin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from service.arrays import AnyFloat, Bool, Float32, Int64
+from service.colour import bytes_to_linear, luma, srgb_to_linear
+from service.face.fit.fit import Fit
+from service.face.reading.part_labels import BEARD, OTHER, SKIN
+from service.face.reading.reader import Reading, middles, parts_at_pixels
+from service.geometry.mesh import unit, vertex_normals
+from service.geometry.nearest import Nearest
+from service.hair.cards import Budget, hair_parts
+from service.hair.find_hair import USUAL_SKIN, painted
+from service.hair.groom import Groom, wandering
+from service.hair.guides import CLEARANCE_M, DOWN
+from service.hair.reading import CELLS, HairReading
+from service.hair.scalp import EDGE, Roots, Scalp
+from service.hair.shape import seen_share
+from service.hair.sight import Sight
+from service.hair.style import Style
+from service.head.model import HeadModel
+from service.image_filters import blurred, ramp
+from service.levels import QualityName
+from service.materials.part import MeshPart, targets_of
+from service.photo.photo import Photo
+from service.robust import smoothstep
+
+NAME = "beard"
+"""Of its first mesh, with which the names of the others begin."""
+BUDGETS: dict[QualityName, Budget] = {
+    "draft": Budget(10_000, 512), "standard": Budget(24_000, 1024), "high": Budget(48_000, 1024),
+    "reference": Budget(48_000, 2048),
+}  # fmt: skip
+FULL_BEARD = 1.2
+"""Strands of a beard on all of the skin where one can grow over those of a full head: it is denser."""
+SURE, FULL = 0.6, 0.15
+"""Probability of beard from which on a cell tells of it, and the least share of the zone that such cells are."""
+DARKER, FULLER = 0.68, 0.4
+"""A beard is no brighter than this over the skin beside it, or covers more of its zone than that, or hangs: else it is
+shade, or stubble, which the skin's texture shows."""
+HANGS_M = 0.02
+"""How far below the chin hair is seen from which on a beard is long."""
+SIDEBURNS = 0.6
+"""Share of the skin before the ears that is as dark as the beard from which on there are sideburns."""
+BESIDE_CELLS = 7.0
+"""Standard deviation of the blur that tells the skin beside a cell: 17 mm."""
+NECK_M, JAW_RISES = -0.113, 0.25
+"""Height in the head's frame below which no beard grows under the chin, and how much higher that is further back."""
+SPLITS = 2
+"""Of the head's triangles, which are coarser than what the photo tells."""
+POINTS = 14
+"""Of a strand."""
+
+
+@dataclass(frozen=True)
+class Beard:
+    """A beard on a head.
+
+    Attributes:
+        groom: strands on the fitted head at rest, in the photo's light until it is taken off.
+        skin: of the face, on which it grows as far as :attr:`Scalp.grows` says.
+        share: of the skin on which a beard can grow, in (0, 1].
+    """
+
+    groom: Groom
+    skin: Scalp
+    share: float
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a photo tells of a beard.
+
+    Attributes:
+        skin: as :attr:`Beard.skin`.
+        share: of the skin on which a beard can grow, in (0, 1].
+        sight: the beard in the photo, and what lies beside it.
+        read: the same as a reading of hair.
+        hangs_m: how far it reaches below the chin.
+    """
+
+    skin: Scalp
+    share: float
+    sight: Sight
+    read: HairReading
+    hangs_m: float
+
+
+def grow_beard(
+    photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, scalp: Scalp | None, strands: int, seed: int
+) -> Beard | None:
+    """The beard of a photo; None where none is seen, or the head does not say where one grows.
+
+    Args:
+        photo: that was fitted.
+        head: the model; its regions ``beard`` and ``chin`` say where.
+        fit: camera and vertices.
+        reading: of the photo's parts.
+        scalp: of the fitted head at rest; None to make it.
+        strands: of a full head of hair.
+        seed: of all that is random.
+    """
+    if reading is None or not {"beard", "chin", "scalp"} <= set(head.region_names):
+        return None
+    seen = _seen(photo, head, fit, reading, scalp)
+    return None if seen is None else Beard(_groom(seen, photo, fit, strands, seed), seen.skin, seen.share)
+
+
+def _seen(photo: Photo, head: HeadModel, fit: Fit, reading: Reading, scalp: Scalp | None) -> Seen | None:
+    region, at = reading.region, middles(reading.region, CELLS)
+    parts = parts_at_pixels(reading, at).reshape(CELLS, CELLS, -1)
+    height, width = photo.pixels.shape[:2]
+    inside = np.asarray(((at >= 0) & (at < [width, height])).all(1).reshape(CELLS, CELLS), np.float32)
+    mask = np.asarray(parts[..., BEARD] * inside, np.float32)
+    none, way = np.zeros_like(mask), np.zeros((CELLS, CELLS, 2), np.float32)
+    read = HairReading(region, mask, np.asarray(inside * (1 - parts[..., OTHER])), none, way, none, {}, (0.0, 0.0))
+    sight = Sight.of(read, fit, head)
+    # What hangs before the neck is taken for hair of the neck.
+    zone = head.region("beard") * (head.mean[:, 1] > NECK_M + JAW_RISES * np.maximum(-head.mean[:, 2] - 0.01, 0))
+    normals = vertex_normals(fit.neutral, head.triangles)
+    turned = vertex_normals(fit.vertices, head.triangles) @ fit.camera.rotation.T
+    ahead = unit(fit.camera.to_camera(fit.vertices))
+    shown, seen = sight.read(mask, fit.vertices)
+    seen &= -(turned * ahead).sum(1) > 0.3
+    own = (zone > 0.5) & seen
+    sure = float((shown[own] > SURE).mean()) if own.any() else 0.0
+    hangs, (beside, told) = _below_chin(head, fit, reading), _over_skin(photo, parts, sight)
+    told &= mask > SURE
+    usual = float(np.median(beside[told])) if told.any() else 1.0
+    # Moustache and sideburns, which the reader misses, are as dark as the rest.
+    depth = 1 - usual
+    if hangs < HANGS_M and (sure < FULL or (sure < FULLER and usual > DARKER)):
+        return None
+    as_dark = ramp(1 - beside, (0.25 * depth, 0.65 * depth)) if usual < DARKER else none
+    as_dark = as_dark * ramp(parts[..., SKIN] + parts[..., BEARD], (0.2, 0.6))  # hair beside the face is as dark
+    dark, _ = sight.read(as_dark, fit.vertices)
+    missed = np.maximum.reduce([*_missed(head, dark, seen), zone * (hangs > HANGS_M)])
+    both = np.maximum(zone, missed)
+    most = np.maximum(shown, missed * dark)
+    other = np.where(seen, most, np.where(seen[head.mirror], most[head.mirror], 0))
+    of_skin = head.triangle_part == head.part_names.index("skin")
+    triangles, uv = head.triangles[of_skin], head.uv[head.triangle_uv[of_skin]]
+    kept = (both[triangles] > 0.02).all(1)
+    columns = np.column_stack([fit.neutral, fit.vertices, normals, both, missed, seen, other])
+    fine = np.concatenate([columns[triangles[kept]], uv[kept]], 2).astype(np.float32)
+    for _ in range(SPLITS):
+        fine = _split(fine)
+    neutral, posed, normal = (fine[..., k : k + 3] for k in (0, 3, 6))
+    both, missed, seen, other = np.moveaxis(fine[..., 9:13], 2, 0)
+    shown = np.maximum(sight.read(mask, posed)[0], missed * sight.read(as_dark, posed)[0])
+    shown = np.where(seen > 0.99, shown, other)  # an unseen side is as the other
+    grows = ramp(shown, (0.2, 0.7)) * ramp(both, (0.1, 0.5))
+    if not (grows > EDGE).any():
+        return None
+    skin = replace(
+        scalp or Scalp.of(head, fit.neutral), corners=neutral, normals=unit(normal), grows=grows, uv=fine[..., 13:]
+    )
+    sides = neutral[:, 1:] - neutral[:, :1]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    share = float((area * grows.mean(1)).sum() / (area * both.mean(1)).sum())
+    return Seen(skin, min(share, 1.0), sight, read, hangs)
+
+
+def _split(corners: Float32) -> Float32:
+    """Corners (T, 3, C) of triangles as those of four each, (4T, 3, C)."""
+    middles = 0.5 * (corners + np.roll(corners, -1, 1))
+    outer = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], 1) for k in range(3)]
+    return np.concatenate([*outer, middles])
+
+
+def _missed(head: HeadModel, dark: Float32, seen: Bool) -> tuple[Float32, Float32]:
+    """(V,) 1 under the nose, and before ears where more than a few spots (V,) that are seen are dark; 0 elsewhere."""
+    x, y, z = np.abs(head.mean[:, 0]), head.mean[:, 1], head.mean[:, 2]
+    under_nose = (head.region("beard") > 0.5) & (y > -0.063) & (x < 0.035) & (z > 0)
+    ear = np.maximum(head.region("ear_left"), head.region("ear_right"))
+    before_ear = (x > 0.05) & (y > -0.05) & (y < 0.025) & (z > -0.075) & (z < -0.03) & (ear < 0.5)
+    told = before_ear & seen
+    full = told.any() and float(dark[told].mean()) > SIDEBURNS
+    return np.asarray(under_nose, np.float32), np.asarray(before_ear * full, np.float32)
+
+
+def _below_chin(head: HeadModel, fit: Fit, reading: Reading) -> float:
+    """How far below the chin beard is read, metres: the median of some columns, 0.2 at most."""
+    chin = np.flatnonzero(head.region("chin") > 0.5)
+    lowest = fit.vertices[chin[np.argmin(head.mean[chin, 1])]]
+    reach = np.arange(0, 0.2, 0.002)
+    columns = lowest + np.array([[x, 0, 0] for x in np.linspace(-0.015, 0.015, 7)])
+    points = columns[:, None] + reach[:, None] * np.array([0, -1, 0.15])
+    flat = fit.camera.project(points.reshape(-1, 3))
+    shown = parts_at_pixels(reading, flat)[:, BEARD].reshape(len(columns), -1) > 0.4
+    first = np.where(shown.all(1), len(reach) - 1, shown.argmin(1))
+    return float(np.median(reach[first]))
+
+
+def _over_skin(photo: Photo, parts: Float32, sight: Sight) -> tuple[Float32, Bool]:
+    """(C, C) luminance of cells over that of the skin beside them, and whether there is any; 1 where there is none."""
+    bright = luma(bytes_to_linear(sight.region.cut(photo.pixels, CELLS)))
+    skin = np.asarray(parts[..., SKIN] > SURE, np.float32)
+    summed = blurred(np.stack([skin * bright, skin], -1).astype(np.float32), BESIDE_CELLS)
+    told = summed[..., 1] > 0.03
+    beside = summed[..., 0] / np.maximum(summed[..., 1], 1e-6)
+    return np.asarray(np.where(told, bright / np.maximum(beside, 1e-4), 1), np.float32), told
+
+
+def _groom(seen: Seen, photo: Photo, fit: Fit, strands: int, seed: int) -> Groom:
+    rng = np.random.default_rng([seed, 0xBEA])
+    roots = seen.skin.roots(max(int(FULL_BEARD * seen.share * strands), 1), rng, least=EDGE)
+    short = float(np.clip(0.003 + 0.35 * seen.hangs_m, 0.003, 0.016))
+    ahead = smoothstep(roots.position[:, 1], -0.075, -0.095) * smoothstep(roots.position[:, 2], -0.03, 0.0)
+    length = short + ahead * max(seen.hangs_m - short, 0.0)
+    length *= (0.5 + 0.5 * roots.edge) * np.exp(rng.normal(0, 0.15, len(roots)))
+    points = _grown(roots, np.asarray(length, np.float32), seen.skin, rng)
+    frizz = float(np.clip(60 * seen.hangs_m, 0.3, 2.0))
+    usual = 1000 * short
+    style = Style(NAME, usual, usual, usual, usual, frizz_mm=frizz, flyaways=0.03)
+    points = wandering(style, points, rng)
+    lock = np.zeros(len(points), np.int32)
+    shown = seen_share(points, seen.sight)
+    person = USUAL_SKIN if fit.cheek is None else np.asarray(srgb_to_linear(fit.cheek), np.float32)
+    colour = painted(photo, seen.read, seen.sight, points, shown, person, seed)
+    return Groom(style, points, roots.uv, lock, colour)
+
+
+LIFT = 0.45
+"""How far strands stand up from the skin where they begin."""
+
+
+def _combed(roots: Roots) -> Float32:
+    """(N, 3) unit directions in which strands lie on the skin."""
+    x, y, z = roots.position.T
+    under_nose = smoothstep(y, -0.068, -0.062) * smoothstep(np.abs(x), 0.034, 0.024) * smoothstep(z, 0.0, 0.015)
+    below = smoothstep(y, -0.075, -0.1)
+    inwards = -0.25 * below * np.clip(x / 0.05, -1, 1)
+    down = np.stack([inwards, -np.ones_like(x), 0.25 + 0.3 * below], 1)
+    aside = np.stack([np.clip(x / 0.006, -1, 1), np.full_like(x, -0.7), np.full_like(x, 0.1)], 1)
+    wish = unit(down + under_nose[:, None] * (aside - down))
+    return unit(wish - roots.normal * (wish * roots.normal).sum(1, keepdims=True))
+
+
+def _grown(roots: Roots, length: Float32, skin: Scalp, rng: np.random.Generator) -> Float32:
+    """(N, POINTS, 3) strands, which leave the skin and bend down by their weight the more the longer they are."""
+    step = (length / (POINTS - 1))[:, None]
+    stray = rng.normal(0, 0.22, (len(roots), 3))
+    heading = unit(LIFT * roots.normal + _combed(roots) + stray)
+    place, points = roots.position, [roots.position]
+    for k in range(1, POINTS):
+        gone = k * step
+        heading = unit(heading + np.clip(gone / 0.05, 0, 1) * 0.5 * DOWN)
+        rise = np.minimum(0.3 * gone[:, 0], 0.012) + 0.2 * CLEARANCE_M
+        tried = skin.pushed((place + step * heading).astype(np.float32), rise.astype(np.float32), 0.004)
+        heading = unit(tried - place)
+        place = np.asarray(place + step * heading, np.float32)
+        points.append(place)
+    return np.stack(points, 1)
+
+
+LEAST_M = 0.0004
+"""Least movement of a vertex that is told: of thousands, all others would be most of the files."""
+NEIGHBOURS = 3
+"""Vertices of the head that a strand follows, by the inverse distance of its root."""
+
+
+def beard_cards(
+    beard: Beard | None, head: HeadModel, fit: Fit, quality: QualityName, seed: int
+) -> tuple[MeshPart, ...]:
+    """Meshes of a beard, which follow the face as the skin does from which their strands grow; none without one.
+
+    Args:
+        beard: on the fitted head at rest.
+        head: topology and units.
+        fit: vertices at rest and in the photo's expression.
+        quality: says how many triangles and texels.
+        seed: of all that is random.
+    """
+    if beard is None:
+        return ()
+    groom = beard.groom
+    # Vertices beside those on which it grows may lie on the other lip.
+    own = np.flatnonzero(head.region("beard") > 0.02)
+    rest = np.asarray(fit.neutral, np.float32)[own]
+    apart, near = Nearest(rest)(groom.strands[:, 0], NEIGHBOURS)
+    share = 1 / np.maximum(apart, 1e-4)
+    share /= share.sum(1, keepdims=True)
+    points = groom.strands.shape[1]
+    lines = Nearest(groom.strands.reshape(-1, 3))
+    made = []
+    most = BUDGETS[quality]
+    budget = replace(most, triangles=int(most.triangles * beard.share))
+    for part in hair_parts(groom, beard.skin, budget, seed, NAME):
+        strand = lines.one(part.neutral)[1] // points
+        follow, weight = own[near[strand]], share[strand][..., None].astype(np.float32)
+
+        def moved(offsets: AnyFloat, follow: Int64 = follow, weight: Float32 = weight) -> Float32:
+            return np.asarray((np.asarray(offsets, np.float32)[follow] * weight).sum(1), np.float32)
+
+        vertices = part.neutral + moved(fit.vertices - fit.neutral)
+        made.append(replace(part, vertices=vertices, targets=targets_of(head, moved, LEAST_M)))
+    return tuple(made)
