@@ -182,7 +182,7 @@ def _split(corners: Float32) -> Float32:
 def _missed(head: HeadModel, dark: Float32, seen: Bool) -> tuple[Float32, Float32]:
     """(V,) 1 under the nose, and before ears where more than a few spots (V,) that are seen are dark; 0 elsewhere."""
     x, y, z = np.abs(head.mean[:, 0]), head.mean[:, 1], head.mean[:, 2]
-    under_nose = (head.region("beard") > 0.5) & (y > -0.063) & (x < 0.035) & (z > 0)
+    under_nose = (head.region("beard") > 0.5) & (y > -0.063) & (y < -0.053) & (x < 0.035) & (z > 0)
     ear = np.maximum(head.region("ear_left"), head.region("ear_right"))
     before_ear = (x > 0.05) & (y > -0.05) & (y < 0.025) & (z > -0.075) & (z < -0.03) & (ear < 0.5)
     told = before_ear & seen
@@ -216,6 +216,7 @@ def _over_skin(photo: Photo, parts: Float32, sight: Sight) -> tuple[Float32, Boo
 def _groom(seen: Seen, photo: Photo, fit: Fit, strands: int, seed: int) -> Groom:
     rng = np.random.default_rng([seed, 0xBEA])
     roots = seen.skin.roots(max(int(FULL_BEARD * seen.share * strands), 1), rng, least=EDGE)
+    roots = roots.chosen(rng.random(len(roots)) < roots.edge**0.5)  # it thins out, and has no line
     short = float(np.clip(0.003 + 0.35 * seen.hangs_m, 0.003, 0.016))
     ahead = smoothstep(roots.position[:, 1], -0.075, -0.095) * smoothstep(roots.position[:, 2], -0.03, 0.0)
     length = short + ahead * max(seen.hangs_m - short, 0.0)

@@ -227,7 +227,7 @@ class Shown:
         dark, black = in_the_dark(*read)
         black = np.maximum(black, dark * (1 - zones.face))  # what is dark beside the face may be a collar
         strands, rims = finer_cover(*read)
-        return cls(unwrapped, parts, strands, behind_glasses(chart, parts, rims), black, dark)
+        return cls(unwrapped, parts, strands, behind_glasses(chart, unwrapped, parts, rims), black, dark)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from service.arrays import Bool, Float32, Float64, Int64
-from service.colour import bytes_to_linear, linear_to_srgb
+from service.colour import LUMA, bytes_to_linear, linear_to_srgb, srgb_to_linear
 from service.face.fit.fit import Fit
 from service.face.reading.part_labels import (
     BACKGROUND,
@@ -221,6 +221,11 @@ WORN, BROWED, LIDDED, LIDS = (0.3, 0.55), (0.15, 0.4), 0.1, 0.01
 """Range of the probability of glasses, over that of a brow, from which on they hide the head; of the probability of a
 brow from which on they do not; least probability of an eye that is seen behind them, and the distance from it, over the
 chart's width, within which its lids are: 4 mm."""
+LENS = 0.03
+"""How far a lens reaches beyond what the reader makes out of glasses, over the chart's width: 13 mm."""
+MIRRORS, GREEN, BRIGHT = (0.6, 0.9), 0.75, (0.15, 0.25)
+"""How much bluer than the face's skin lenses mirror, natural logarithm of blue over red; what of green, which coatings
+mirror too, counts as blue; and luminance over the skin's, as lashes and brows are blue for want of light."""
 RAMP = (0.25, 0.55)
 """Probability up to which a texel counts as seen, and from which on as hidden."""
 SHADOW = 0.009
@@ -291,21 +296,38 @@ def widened(chart: Chart, hidden: Float32) -> Float32:
     return np.maximum(soft.ravel()[chart.texels], hidden)
 
 
-def behind_glasses(chart: Chart, parts: Float32, rims: Float32) -> Float32:
+def behind_glasses(chart: Chart, unwrapped: Unwrapped, parts: Float32, rims: Float32) -> Float32:
     """(N,) float32 in [0, 1], 1 where glasses hide the head.
 
     Through clear lenses a person's own brows, lids and lashes are seen, which nothing else tells; skin beside rims,
-    which they tint and shade, is as elsewhere.
+    which they tint and shade, is as elsewhere. What a coated lens mirrors is bluer than any skin.
 
     Args:
         chart: of the head.
+        unwrapped: the photo on it.
         parts: (N, 13) as :func:`parts_at` gives them.
         rims: (N,) in [0, 1], those that are thinner than the reader's cells.
     """
-    seen = near_eyes(chart, parts).ravel()[chart.texels] * (1 - rims)
-    own = np.maximum(smoothstep(parts[:, BROW], *BROWED), seen)
-    hidden = widened(chart, np.maximum(smoothstep(parts[:, GLASSES] - parts[:, BROW], *WORN), rims))
-    return np.asarray(hidden * (1 - own), np.float32)
+    worn = smoothstep(parts[:, GLASSES] - parts[:, BROW], *WORN)
+    own = np.maximum(smoothstep(parts[:, BROW], *BROWED), near_eyes(chart, parts).ravel()[chart.texels] * (1 - rims))
+    hidden = widened(chart, np.maximum(worn, rims)) * (1 - own)
+    return np.asarray(np.maximum(hidden, mirrored_by_lenses(chart, unwrapped, parts)), np.float32)
+
+
+def mirrored_by_lenses(chart: Chart, unwrapped: Unwrapped, parts: Float32) -> Float32:
+    """(N,) float32 in [0, 1], 1 where lenses mirror the surroundings; arguments as above."""
+    skin = (parts[:, SKIN] > SURE) & (unwrapped.weight > 0)
+    glasses = chart.spread((parts[:, GLASSES] > WORN[0])[:, None].astype(np.float32))[..., 0]
+    if not skin.any() or not glasses.any():
+        return np.zeros(len(parts), np.float32)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(LENS * chart.width) + 1,) * 2)
+    lens = np.asarray(cv2.dilate(glasses, disc), np.float32).ravel()[chart.texels] * (unwrapped.weight > 0)
+    linear = np.maximum(srgb_to_linear(unwrapped.colour), np.float32(1e-3))
+    bluer = np.log(np.maximum(linear[:, 2], linear[:, 1] * GREEN) / linear[:, 0])
+    bright = linear @ LUMA
+    usual, most = np.quantile(bluer[skin], (0.5, 0.98))  # in light of two colours some of the skin is bluer, too
+    mirrors = smoothstep(bluer - max(usual, most - MIRRORS[0]), *MIRRORS)
+    return widened(chart, lens * mirrors * smoothstep(bright / np.median(bright[skin]), *BRIGHT))
 
 
 def near_eyes(chart: Chart, parts: Float32) -> Float32:

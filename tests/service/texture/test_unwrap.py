@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -30,7 +31,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.map_registry import SEEN
 from service.texture.texture import Texture, make_texture
-from service.texture.unwrap import Zones, behind_glasses, covered, parts_at, segment, unwrap
+from service.texture.unwrap import Zones, behind_glasses, covered, mirrored_by_lenses, parts_at, segment, unwrap
 from tests.service.texture.scenes import SKIN as TONE
 from tests.service.texture.scenes import fitted, photograph, plain, read_off, turned
 
@@ -55,7 +56,7 @@ def test_the_part_hides_its_half_and_no_more(part: int) -> None:
     """One pixel off, or x and y exchanged, and the border would not lie in the middle of the face."""
     unwrapped, zones = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART), Zones.of(CHART)
     parts = parts_at(reading(part), FIT, unwrapped)
-    hidden = behind_glasses(CHART, parts, 0 * parts[:, 0]) if part == GLASSES else covered(parts, zones)
+    hidden = behind_glasses(CHART, unwrapped, parts, 0 * parts[:, 0]) if part == GLASSES else covered(parts, zones)
     shown = (unwrapped.weight > 0) & (zones.scalp == 0)
     x, margin = CAMERA.project(unwrapped.position)[:, 0], 30 * (part == GLASSES)  # with their shade
     assert (hidden[shown & (x < 195 - margin)] > 0.99).all() and (hidden[shown & (x > 205 + margin)] < 0.01).all()
@@ -75,10 +76,33 @@ def test_brows_and_lids_are_seen_through_glasses() -> None:
     parts[:, SKIN], parts[shown & (place[:, 1] > -0.03) & (place[:, 1] < 0.03), GLASSES] = 0.4, 0.5
     worn = parts.copy()
     worn[brow, BROW], worn[eye, SCLERA] = 0.5, 0.5
-    clear, dark = behind_glasses(CHART, worn, none), behind_glasses(CHART, parts, none)
+    clear, dark = behind_glasses(CHART, unwrapped, worn, none), behind_glasses(CHART, unwrapped, parts, none)
     assert clear[brow].max() < 0.1 and clear[eye].max() < 0.1 < 0.4 < clear[cheek].min()
     assert dark[brow].min() > 0.4 and dark[eye].min() > 0.4, "nothing is seen through dark lenses"
-    assert behind_glasses(CHART, worn, np.asarray(cheek, np.float32))[cheek].min() > 0.99
+    assert behind_glasses(CHART, unwrapped, worn, np.asarray(cheek, np.float32))[cheek].min() > 0.99
+
+
+def test_what_lenses_mirror_is_not_the_lids_own() -> None:
+    """Coatings mirror blue and green: it stayed on the lids as paint. Dark lashes, which are blue, too, are seen."""
+    unwrapped = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART)
+    shown, place = unwrapped.weight > 0, unwrapped.position
+    parts = np.zeros((len(shown), len(PARTS)), np.float32)
+    parts[:, SKIN], parts[shown & (np.abs(place[:, 1]) < 0.004), GLASSES] = 1, 0.4
+    lid = shown & (np.hypot(np.abs(place[:, 0]) - 0.032, place[:, 1] - 0.006) < 0.003)
+    chin = shown & (np.abs(place[:, 1] + 0.09) < 0.002) & (np.abs(place[:, 0]) < 0.01)
+    assert lid.sum() > 10 and chin.sum() > 5
+    parts[lid | chin, SKIN] = 0.5
+    for colour, hides in (
+        (TONE, False),
+        ((0.35, 0.6, 0.75), True),
+        ((0.3, 0.75, 0.5), True),
+        ((0.05, 0.06, 0.08), False),
+    ):
+        image = unwrapped.colour.copy()
+        image[lid | chin] = colour
+        found = mirrored_by_lenses(CHART, dataclasses.replace(unwrapped, colour=image), parts)
+        assert found[lid].min() > 0.9 if hides else found[lid].max() < 0.1
+        assert found[chin].max() < 0.1, "far from glasses nothing is mirrored"
 
 
 def test_hair_on_the_scalp_is_the_head_s_own() -> None:
