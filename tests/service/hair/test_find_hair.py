@@ -17,7 +17,17 @@ from service.face.region import Region
 from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
 from service.hair.bank import Matches, kind_of, match, mirrored, read_bank
 from service.hair.colour import COLOURS, KNOTS, SHINE, as_absorbed, asked_colour
-from service.hair.find_hair import COVERS_M, Tried, candidates, choose, grow_hair, painted, see_hair, usual_curl
+from service.hair.find_hair import (
+    COVERS_M,
+    Tried,
+    candidates,
+    choose,
+    grow_hair,
+    only_skin,
+    painted,
+    see_hair,
+    usual_curl,
+)
 from service.hair.groom import make_groom
 from service.hair.kinds import CURLS, LENGTHS
 from service.hair.outline import to_outline
@@ -68,6 +78,21 @@ def test_the_bank_knows_what_it_is_shown(kind: str) -> None:
     assert matches.probability.sum() == pytest.approx(1.0)
     assert next(iter(matches.kinds(read_bank()))) == kind
     assert matches.overlap.max() > 0.8
+
+
+def test_the_rim_of_a_bare_skull_is_no_hair() -> None:
+    """The edge of a bald head before a wall was read as hair: it wore a dark crop. Clipped sides are darker."""
+    seen = photographed(NAMED["crop"], 1, HEAD).sight
+    rows, columns = np.nonzero(np.isfinite(seen.behind) & (seen.hair > 0.6))
+    rim = np.zeros_like(seen.hair)
+    rim[rows[:120], columns[:120]] = 1
+    pixels = np.full((CELLS, CELLS, 3), 150, np.uint8)
+    narrow = dataclasses.replace(seen, hair=rim)
+    assert only_skin(Photo(pixels), narrow)
+    assert not only_skin(Photo(pixels), seen), "so much is hair, whatever its colour"
+    pixels[rim > 0] = 80
+    assert not only_skin(Photo(pixels), narrow)
+    assert not only_skin(Photo(pixels), dataclasses.replace(seen, hair=0 * rim)), "nothing was read"
 
 
 def test_a_bank_that_is_torn_is_named(tmp_path: Path) -> None:
