@@ -1,7 +1,7 @@
 """Inpainting of the skin that the photo does not show.
 
 A smooth base colour is solved for on the mesh. It follows the photo where skin is seen, the mirrored side where only
-that is seen (after matching its light), and tends to the person's mean skin or hair colour far from both. The photo's
+that is seen (after matching its light), and tends to the person's mean skin colour far from both. The photo's
 detail above the base (brows, lips, wrinkles, spots) is added where it is seen, and mirrored to where only the other
 side is seen; elsewhere skin is smooth, and finer detail is super-resolution's. As the base agrees with the photo at its
 borders, detail can fade out there without a seam.
@@ -27,7 +27,7 @@ SMOOTHNESS = 0.25
 LIGHT_SMOOTHNESS = 0.3
 
 PRIOR_TRUST = 0.02
-"""Weight of the prior, the mean colour of skin or hair."""
+"""Weight of the prior, the mean colour of skin."""
 
 LIP = (0.35, 0.55)
 """Values of the region's soft mask at which a texel begins to be lip, and from which on it is lip: the mask fades out
@@ -63,7 +63,6 @@ def complete_skin(
     colour: Float32,
     seen: Float32,
     skin: Float32,
-    scalp: Float32 | None,
     plain: Float32 | float = 1.0,
     worn: Float32 | float = 0.0,
 ) -> Completed:
@@ -74,13 +73,12 @@ def complete_skin(
         colour: (N, 3) sRGB of the photo, read where ``seen`` > 0.
         seen: (N,) opacity of the photo, also the weight with which colours are continued and mirrored from a texel.
         skin: (3,) sRGB of the person's skin, the prior far from everything seen.
-        scalp: (3,) sRGB of the hair (or bald scalp), or None where the photo does not show it.
         plain: (N,) in [0, 1], share of a texel that is skin and no brow: what is hidden beside brows is not dark.
         worn: (N,) in [0, 1], share of a texel that a hat hides. It has the prior's colour: beside it lies its shadow.
     """
     on_skin = (chart.inner_part == chart.head.part_names.index("skin")).astype(np.float32)
     shown = seen * on_skin
-    base = chart.inside(_base(chart, colour, shown * plain, worn * on_skin * (1 - shown), skin, scalp))
+    base = chart.inside(_base(chart, colour, shown * plain, worn * on_skin * (1 - shown), skin))
     detail = np.where(shown[:, None] > 0, colour - base, 0.0).astype(np.float32)
     seen = _feather(chart, shown)
 
@@ -92,9 +90,7 @@ def complete_skin(
     return Completed(np.clip(result, 0, 1).astype(np.float32), seen, reflected)
 
 
-def _base(
-    chart: Chart, values: Float32, trust: Float32, usual: Float32, skin: Float32, scalp: Float32 | None
-) -> Float64:
+def _base(chart: Chart, values: Float32, trust: Float32, usual: Float32, skin: Float32) -> Float64:
     """(V, 3) smooth sRGB on the whole mesh, from values (N, 3) at the texels, with their trust (N,) and that of the
     prior there (N,).
     """
@@ -116,8 +112,6 @@ def _base(
     known = known + blend * (reflected + light - known)
 
     far = np.tile(skin.astype(np.float64), (count, 1))
-    if scalp is not None:
-        far += hair[:, None] * (scalp.astype(np.float64) - far)
     _, prior = splat(chart.corners, chart.weights, values[:, :0], usual, count)
     both = total + prior
     known = (total[:, None] * known + prior[:, None] * far) / np.where(both > 0, both, 1)[:, None]

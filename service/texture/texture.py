@@ -281,10 +281,8 @@ def make_texture(
         layers = [_layer(chart, zones, one, bald=bald, telling=telling) for one in known.sights]
         mixed = blend(chart, layers, [one for _, one, _ in views], zones)
         unwrapped, part, found = mixed.layer.unwrapped, mixed.layer.parts, mixed.layer.found
-        scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
-        on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
         fallback = DEFAULT_SKIN if found.colour is None else found.colour
-        given = chart, unwrapped.colour, found.seen, fallback, on_scalp
+        given = chart, unwrapped.colour, found.seen, fallback
         completed = complete_skin(*given, plain=1 - part[:, BROW], worn=part[:, HAT])
         person, sure = fallback if fit.cheek is None else fit.cheek, _confidence(completed)
         shown = chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person
@@ -352,18 +350,6 @@ def _per_photo(
         lit, shown, part = np.moveaxis(image[..., 3:], 2, 0).copy()
         found.append(PhotoTexture(image[..., :3].copy(), lit, shown, part, field, fit.eye_light))
     return tuple(found)
-
-
-def _scalp_colour(unwrapped: Unwrapped, scalp: Float32, skin: Bool) -> Float32 | None:
-    """(3,) sRGB median of the scalp, well behind the hairline where the photo shows that; None where it shows no
-    scalp.
-    """
-    for inside in (0.95, 0.7):
-        chosen = (scalp > inside) & skin & (unwrapped.weight > 0.08)
-        # Fewest texels of the scalp from which its colour is measured.
-        if chosen.sum() >= 60:
-            return linear_to_srgb(np.median(srgb_to_linear(unwrapped.colour[chosen]), 0))
-    return None
 
 
 def _confidence(completed: Completed) -> Float32:

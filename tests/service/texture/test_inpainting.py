@@ -23,7 +23,7 @@ def completed(seen_lips: np.ndarray) -> np.ndarray:
     """Colours (N, 3) when all skin is seen but lips only where told."""
     colour = np.where((LIPS > 0.6)[:, None], RED, PLAIN).astype(np.float32)
     seen = np.where(LIPS > 0.3, seen_lips, 1.0).astype(np.float32)
-    return complete_skin(LIPS_CHART, colour, seen, PLAIN, None).colour
+    return complete_skin(LIPS_CHART, colour, seen, PLAIN).colour
 
 
 def test_the_inside_of_closed_lips_is_lip() -> None:
@@ -45,7 +45,7 @@ def test_heads_without_lips_are_completed_as_before(seen: float) -> None:
     count = len(chart.texels)
     share = np.full(count, seen, np.float32)
     with np.errstate(all="raise", under="ignore"):
-        colour = complete_skin(chart, np.tile(PLAIN, (count, 1)), share, PLAIN, None).colour
+        colour = complete_skin(chart, np.tile(PLAIN, (count, 1)), share, PLAIN).colour
     own = chart.inner_part == head.part_names.index("skin")
     assert np.abs(colour[own] - PLAIN).max() < 0.05
 
@@ -58,8 +58,8 @@ def test_skin_that_is_hidden_beside_brows_is_not_dark() -> None:
     seen = (brow - 3 < ROWS).astype(np.float32)
     above = brow - 10 > ROWS
     skin = LIPS_CHART.inner_part == HEAD.part_names.index("skin")
-    told = complete_skin(LIPS_CHART, colour, seen, PLAIN, None, 1 - dark.astype(np.float32)).colour
-    smeared = complete_skin(LIPS_CHART, colour, seen, PLAIN, None).colour
+    told = complete_skin(LIPS_CHART, colour, seen, PLAIN, 1 - dark.astype(np.float32)).colour
+    smeared = complete_skin(LIPS_CHART, colour, seen, PLAIN).colour
     assert np.abs(told[above & skin] - PLAIN).max() < 0.03 < np.abs(smeared[above & skin] - PLAIN).max()
 
 
@@ -70,7 +70,7 @@ def test_skin_that_a_hat_hides_is_as_the_face_is_and_not_as_dark_as_its_shadow()
     shaded = (brim <= ROWS) & (brim + 12 > ROWS)
     colour = np.where(shaded[:, None], 0.2 * PLAIN, PLAIN).astype(np.float32)
     hidden = (brim - 10 > ROWS) & (LIPS_CHART.inner_part == HEAD.part_names.index("skin"))
-    given = LIPS_CHART, colour, 1 - worn, PLAIN, None
+    given = LIPS_CHART, colour, 1 - worn, PLAIN
     told, smeared = (complete_skin(*given, worn=by).colour[hidden] for by in (worn, 0.0))
     assert np.abs(told - PLAIN).mean() < 0.02
     assert np.abs(smeared - PLAIN).mean() > 0.15
