@@ -25,7 +25,8 @@ def variable(name: str, environment: Mapping[str, str] = os.environ) -> str | No
 
 def memory_bytes(root: Path = ROOT) -> int:
     """Bytes of memory that this process and all beside it in its container may use."""
-    limits = [_physical(root)]
+    total = kib(root / "proc/meminfo", "MemTotal")
+    limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if total is None else total << 10]
     for folder in _groups(root, "memory"):
         for name in ("memory.max", "memory.limit_in_bytes"):
             limit = _number(folder / name)
@@ -77,11 +78,6 @@ def fields(path: Path) -> dict[str, str]:
         key, _, value = line.partition(":")
         found.setdefault(key.strip(), value.strip())
     return found
-
-
-def _physical(root: Path) -> int:
-    total = kib(root / "proc/meminfo", "MemTotal")
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if total is None else total << 10
 
 
 def _number(path: Path) -> float | None:

@@ -124,8 +124,3 @@ MAP_NAMES = tuple(one.name for one in MAPS if one.beside is None)
 def maps_made_by(maker: Literal["networks", "surface", "photo"]) -> tuple[str, ...]:
     """Names of the maps that can be requested and that one part of the program makes."""
     return tuple(one.name for one in MAPS if one.made_by == maker and one.name in MAP_NAMES)
-
-
-def needed_stage(name: str) -> str | None:
-    """Stage of the reflectance that a map needs; None where it needs none, or there is no map of that name."""
-    return next((one.needs for one in MAPS if one.name == name), None)

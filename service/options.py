@@ -42,12 +42,11 @@ def _in_order(maps: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _on_the_chart(size: tuple[int, int], info: ValidationInfo) -> tuple[int, int]:
-    width, height = size
-    nearest, name = _nearest_size(width), info.field_name
-    if size != nearest:
+    thirds, name = round(min(max(size[0], SMALLEST_WIDTH), LARGEST_WIDTH) / 3), info.field_name
+    if size != (3 * thirds, 2 * thirds):
         raise UsageError(
-            f"{name} is {width}x{height}; the chart is 3:2 and {SMALLEST_WIDTH} to {LARGEST_WIDTH} texels wide, "
-            f"for example {nearest[0]}x{nearest[1]}",
+            f"{name} is {size[0]}x{size[1]}; the chart is 3:2 and {SMALLEST_WIDTH} to {LARGEST_WIDTH} texels wide, "
+            f"for example {3 * thirds}x{2 * thirds}",
             field=name,
         )
     return size
@@ -65,12 +64,6 @@ def _known(without: tuple[str, ...]) -> tuple[str, ...]:
         wrong = repr(unknown[0]) if unknown else f"{shown(without)}, some of them twice"
         raise UsageError(f"without has {wrong}; there are {', '.join(NAMES)}", field="without")
     return without
-
-
-def _nearest_size(width: int) -> tuple[int, int]:
-    """The permitted size whose width is nearest."""
-    thirds = round(min(max(width, SMALLEST_WIDTH), LARGEST_WIDTH) / 3)
-    return 3 * thirds, 2 * thirds
 
 
 _Whole = Annotated[int, Strict()]

@@ -107,7 +107,7 @@ def read_bank(file: Path = FILE) -> Bank:
 def mirrored(style: Style) -> Style:
     """With left and right exchanged."""
     swapped = {"left": "right", "right": "left"}.get(style.parting, style.parting)
-    return dataclasses.replace(style, parting=swapped, tie_x=-style.tie_x)  # type: ignore[arg-type]
+    return dataclasses.replace(style, parting=swapped)  # type: ignore[arg-type]
 
 
 def view_camera(yaw_deg: float, pitch_deg: float) -> Camera:

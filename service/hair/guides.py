@@ -158,8 +158,6 @@ _COMBED: Mapping[Combed, tuple[tuple[float, ...], tuple[float, ...]]] = {
 the crown, and out of the head."""
 
 
-AT_SIDE_M = 0.03
-"""Distance of a tie from the middle from which on it is at one side: its tail falls before that shoulder."""
 PARTED = 0.5
 """How far hair that is tied behind leaves its parting sideways, over how far it goes straight to the tie."""
 PARTINGS_M = {"none": 0.0, "middle": 0.0, "left": 0.028, "right": -0.028}
@@ -385,22 +383,21 @@ def _ties(style: Style, roots: Roots, skin: Scalp) -> Float32:
         low = min(style.tie_y, -0.02)
         near = np.stack([0.085 * side, np.full(len(roots), low), np.full(len(roots), -0.10)], 1)
     else:
-        behind = -0.2 + 0.9 * max(style.tie_y - 0.03, 0.0) + abs(style.tie_x)
-        near = np.tile([style.tie_x, style.tie_y, behind], (len(roots), 1))
+        near = np.tile([0.0, style.tie_y, -0.2 + 0.9 * max(style.tie_y - 0.03, 0.0)], (len(roots), 1))
     near = near.astype(np.float32)
     for _ in range(8):  # from outside onto the skin
         near = near - (skin.outside(near) - 0.012)[:, None] * skin.outwards(near)
     return near.astype(np.float32)
 
 
-def _round_head(start: Float32, end: Float32, share: Float32, over: Float32, aside: Float32) -> Float32:
+def _round_head(start: Float32, end: Float32, share: Float32, aside: Float32) -> Float32:
     """(N, S, 3) points from places on the head (N, 3) to others, round its middle and not through it.
 
-    Opposite places are joined ``over`` (3,): hair on the forehead is combed back, and by ``aside`` (N, 3) to one side.
+    Opposite places are joined over the top: hair on the forehead is combed back, and by ``aside`` (N, 3) to one side.
     """
     first, last = unit(start - CENTRE), unit(end - CENTRE)
     apart = smoothstep((first * last).sum(1), 0.2, -0.8)[:, None]
-    middle = unit(first + last + apart * over + aside)
+    middle = unit(first + last - apart * DOWN + aside)
     begin, rest = (1 - share) ** 2 * first[:, None], share**2 * last[:, None]
     toward = unit(begin + 2 * share * (1 - share) * middle[:, None] + rest)
     near, far = (np.linalg.norm(ends - CENTRE, axis=1)[:, None, None] for ends in (start, end))
@@ -415,9 +412,7 @@ def _gathered(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.
     if style.parting != "none" and style.gather not in LOOSE:
         front = smoothstep(np.abs(roots.azimuth), 1.3, 0.5) * smoothstep(roots.elevation, 0.2, 0.6)
         aside[:, 0] = PARTED * front * sides_of(style, roots)
-    # To a tie behind over the top, to one at the side round the back.
-    over = -DOWN if abs(style.tie_x) < AT_SIDE_M else unit(-0.7 * DOWN - DEEP)
-    way = _round_head(roots.position, tie, share, over, aside)
+    way = _round_head(roots.position, tie, share, aside)
     rise = np.sin(np.pi * share[..., 0]) * style.volume_mm / 1000 * rng.uniform(0.4, 1, (len(roots), 1)) + 0.002
     for _ in range(6):  # out of the head, then straight: a taut thread on the skull
         way = skin.pushed(way, rise.astype(np.float32))
@@ -459,7 +454,7 @@ def _tail(
         return np.asarray(point + thick * np.sin(tube) * outward[:, None], np.float32)
     step = (length / steps)[:, None]
     heading, place, points = outward + 0.1 * spread / 0.006, start, []
-    before = np.full(count, style.gather == "two_plaits" or abs(style.tie_x) > AT_SIDE_M)
+    before = np.full(count, style.gather == "two_plaits")
     for k in range(steps):
         gone = k / steps * length[:, None]
         heading = heading + 0.5 * _draped(place, before)[:, None] * DEEP

@@ -15,7 +15,7 @@ from service.arrays import Bool, Float32
 from service.geometry.mesh import unit
 from service.geometry.nearest import Nearest
 from service.hair.groom import Groom, make_groom
-from service.hair.guides import CLEARANCE_M, DOWN, Combing, bridge, has_fringe, met, recedes, resampled
+from service.hair.guides import CLEARANCE_M, DOWN, Combing, bridge, met, recedes, resampled
 from service.hair.outline import to_outline
 from service.hair.reading import CELLS
 from service.hair.scalp import CROWN, Scalp, gone_along, length_of
@@ -81,46 +81,6 @@ def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generato
     return groom.joined(roots.position[:, None] - groom.strands[like, :1] + groom.strands[like], roots.uv, like)
 
 
-ASIDE_CELLS = 14.0
-"""Most by which a strand is led aside from skin: 55 mm."""
-ASIDE_SMOOTH, ROOTED = 1.5, 3.0
-"""Standard deviation, in points of a strand, of the smoothing of its way aside, and points from its root on to
-the first that is led in full."""
-
-
-def led_aside(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
-    """Strands (N, P, 3) that would cross skin which the photo shows, led along the edge of its hair instead.
-
-    Hair that parts over a forehead runs beside it; cut where it meets the skin, it would leave a saw.
-    """
-    from scipy.ndimage import distance_transform_edt, gaussian_filter1d
-
-    hair = np.asarray(sight.hair > 0.5, np.uint8)
-    inner = cv2.erode(hair, np.ones((3, 3), np.uint8))
-    if not inner.any():
-        return strands
-    apart, nearest = distance_transform_edt(inner == 0, return_indices=True)
-    at, depth = sight.project(strands)
-    (rows, columns), seen = sight.visible(at, depth)
-    crosses = seen & (apart[rows, columns] < ASIDE_CELLS) & np.isfinite(sight.behind[rows, columns])
-    crosses &= _without_hair(sight)[rows, columns]
-    crosses[:, 0] = False
-    some = crosses.any(1)
-    if not some.any():
-        return strands
-    rows, columns, at, depth, crosses = (each[some] for each in (rows, columns, at, depth, crosses))
-    wished = np.stack([nearest[1][rows, columns], nearest[0][rows, columns]], -1) + 0.5
-    weight = crosses[..., None].astype(np.float32)
-    summed = np.concatenate([weight * (wished - at), weight], -1)
-    smooth = gaussian_filter1d(summed, ASIDE_SMOOTH, axis=1, mode="nearest")
-    leaves = np.clip(np.arange(strands.shape[1]) / ROOTED, 0, 1)[:, None]
-    shift = leaves * smooth[..., :2] / np.maximum(smooth[..., 2:], 0.5)
-    pieces = sight.placed((at + shift).reshape(-1, 2), depth.reshape(-1)).reshape(*depth.shape, 3)
-    made = strands.copy()
-    made[some, 1:] = skin.pushed(np.asarray(pieces[:, 1:], np.float32), CLEARANCE_M)
-    return made
-
-
 BARE = 0.5
 """How surely the photo has to show no hair where a strand is cut."""
 NEAR_SKIN_M = 0.005
@@ -181,51 +141,6 @@ def trimmed(strands: Float32, sight: Sight, skin: Scalp, rng: np.random.Generato
     kept = (share >= LEAST_LEFT) | ~cut
     made = resampled(strands, np.asarray(np.clip(share * uneven, 0.05, 1), np.float32), points)
     return made, np.asarray(kept)
-
-
-LOOSE_HAIR, FRINGE = (0.75, 0.08), (0.5, 0.03)
-"""Share of its length, of more than this many metres, from which on a strand that is cut over the face is no stump, in
-hair without a fringe and with one: a fringe that the photo cuts by more than half is none."""
-BESIDE = 12
-"""Whole strands beside a stump that are tried in its place."""
-
-
-def without_stumps(
-    whole: Float32, cut: Float32, kept: Bool, sight: Sight, skin: Scalp, least: tuple[float, float] = LOOSE_HAIR
-) -> tuple[Float32, Bool]:
-    """Strands (N, P, 3), and which are left (N,), without stumps over the face: but for a fringe, none ends there.
-
-    Each runs as the nearest that is whole and would not cross the face from its root either; else it goes.
-
-    Args:
-        whole: (N, P, 3) metres, before they were cut.
-        cut: (N, P, 3) metres, what is left of them.
-        kept: (N,) what was left of them.
-        sight: the photo.
-        skin: of the fitted head.
-        least: of what is no stump, ``LOOSE_HAIR`` or ``FRINGE``.
-    """
-    share, least_m = least
-    cell, _ = sight.visible(*sight.project(cut[:, -1]))
-    length, remains = length_of(whole), length_of(cut)
-    short = (remains < share * length) & (length > least_m)
-    stump = kept & short & np.isfinite(sight.behind)[cell] & (cut[:, -1, 1] > HANGS_BELOW_M)
-    like = np.flatnonzero(kept & ~stump & (remains > least_m))
-    if not stump.any() or len(like) < BESIDE:
-        return cut, kept
-    left, made, bare = np.flatnonzero(stump), cut.copy(), _without_hair(sight)
-    near = Nearest(cut[like, 0])(cut[left, 0], BESIDE)[1]
-    for k in range(BESIDE):
-        other = cut[like[near[:, k]]]
-        tried = np.asarray(other - other[:, :1] + cut[left, :1], np.float32)
-        tried[:, 1:] = skin.pushed(tried[:, 1:], CLEARANCE_M)
-        at, seen = sight.visible(*sight.project(tried[:, 2:]))
-        free = ~(seen & bare[at] & np.isfinite(sight.behind)[at]).any(1)
-        made[left[free]] = tried[free]
-        left, near = left[~free], near[~free]
-    kept = kept.copy()
-    kept[left] = False
-    return made, kept
 
 
 def _ends(height: Float32, hair: Float32) -> float:
@@ -392,26 +307,6 @@ def not_bald(sight: Sight, skin: Scalp) -> Sight:
     return dataclasses.replace(sight, known=np.where(bare, np.float32(0), sight.known))
 
 
-SIDE_TIE_M = 0.075
-"""Distance from the middle of a plait that is tied at one side."""
-PLAIT_M, PLAITED = (0.05, 0.13, -0.2, -0.07), (0.05, 0.2)
-"""Where a plait hangs on either side, metres: nearest and farthest from the middle, lowest and highest; and the share
-of it with hair up to which no plait is seen on a side, and from which on one is."""
-
-
-def one_plait(style: Style, sight: Sight) -> Style:
-    """One plait at the side on which the photo shows one, instead of two: what it does not show is no mirror image."""
-    if style.gather != "two_plaits":
-        return style
-    near, far, low, high = PLAIT_M
-    x, y = np.meshgrid(np.arange(near, far, 0.005), np.arange(low, high, 0.005))
-    sides = np.stack([np.stack([sign * x, y, np.full_like(x, -0.02)], -1) for sign in (1, -1)])
-    left, right = (sight.read(sight.hair, sides)[0] > 0.5).mean((1, 2))
-    if min(left, right) > PLAITED[0] or max(left, right) < PLAITED[1]:
-        return style
-    return dataclasses.replace(style, gather="plait", tie_x=float(np.sign(left - right)) * SIDE_TIE_M, parting="none")
-
-
 def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> tuple[Groom, Float32]:
     """Strands of a style as the photo shows them, and the share of each that it does.
 
@@ -423,7 +318,7 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
         strands: of a full head.
     """
     rng = np.random.default_rng([seed, 0xC07])
-    style = seen_thinning(one_plait(style, sight), sight, skin)
+    style = seen_thinning(style, sight, skin)
     if is_long(style):
         sight = not_bald(sight, skin)
     groom = to_hairline(make_groom(style, seed, strands, skin, photo_combing(sight)), sight, skin, rng)
@@ -433,12 +328,9 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     groom = dataclasses.replace(groom, strands=moved)
     for _ in range(FILLINGS):
         groom = filled(groom, sight, skin, rng)
-    led = led_aside(groom.strands, sight, skin)
-    moved, kept = trimmed(led, sight, skin, rng)
+    moved, kept = trimmed(groom.strands, sight, skin, rng)
     root, seen = sight.visible(*sight.project(moved[:, 0]))
     kept |= ~(seen & _without_hair(sight)[root])  # not on bare skin
-    if style.gather == "none":
-        moved, kept = without_stumps(led, moved, kept, sight, skin, FRINGE if has_fringe(style) else LOOSE_HAIR)
     moved = np.concatenate([moved[:, :1], skin.over_ears.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)
     return groom, seen_share(groom.strands, sight)

@@ -60,7 +60,6 @@ LENGTHS = ("top_mm", "fringe_mm", "sides_mm", "back_mm")
 _Name = Annotated[str, StringConstraints(pattern=r"^[^\W\d]\w{0,39}$")]
 _Mm = Annotated[float, Strict(), Ge(0), Le(1500)]
 _Share = Annotated[float, Strict(), Ge(0), Le(1)]
-_Metres = Annotated[float, Strict(), Ge(-0.2), Le(0.2)]
 
 
 @checked_dataclass(frozen=True, config=CHECKED)
@@ -85,7 +84,7 @@ class Style:
         flyaways: share of strands that leave their lock.
         volume_mm: how far the outermost layer stands off the skin.
         gather: whether and how it is tied.
-        tie_x, tie_y: metres to the subject's left of the middle, and height, of the tie; two plaits have two.
+        tie_y: height in metres of the tie; two plaits have two.
         receding: of the temples, 0 to 1.
         crown: bald on the crown, 0 to 1.
         hairline: random rise and fall of the hairline, 0 to 1.
@@ -118,8 +117,7 @@ class Style:
     flyaways: _Share = 0.01
     volume_mm: _Mm = 14.0
     gather: Gather = "none"
-    tie_x: _Metres = 0.0
-    tie_y: _Metres = 0.0
+    tie_y: Annotated[float, Strict(), Ge(-0.2), Le(0.2)] = 0.0
     receding: _Share = 0.0
     crown: _Share = 0.0
     hairline: _Share = 0.15

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from service.map_registry import needed_stage
+from service.map_registry import MAPS
 from service.runtime.network_registry import networks_of
 
 
@@ -46,7 +46,7 @@ class ReflectancePlan:
     @classmethod
     def of(cls, maps: Collection[str], *, super_resolution: bool = True) -> ReflectancePlan:
         """Stages that maps need; names of maps that need none are ignored."""
-        wanted = {stage for name in maps if (stage := needed_stage(name))}
+        wanted = {one.needs for one in MAPS if one.name in maps and one.needs}
         for name in reversed(STAGES):
             if name in wanted:
                 wanted.update(STAGES[name].needs)

@@ -146,7 +146,9 @@ class Creases:
         weights = _spread(np.asarray(smoothstep(1 - stretch, *COMPRESSED) * foldable), across) * foldable
         if not weights.any():
             return None
-        parts = {name: {unit: shown[unit] for unit in shown if group_of(unit) == name} for name in GROUPS}
+        parts: dict[str, dict[str, float]] = {name: {} for name in GROUPS}
+        for unit, weight in shown.items():  # those that belong to no group, as of imported heads, are the mouth's
+            parts[next((name for name, starts in GROUPS.items() if unit.startswith(starts)), "mouth")][unit] = weight
         # Interpolated weights reach a texel further.
         folded = cv2.dilate(np.asarray(weights.max(0) > 0, np.uint8), np.ones((3, 3), np.uint8)) > 0
         shares = [_compression(chart, fit.neutral, neutral, across, folded, units) for units in parts.values()]
@@ -155,11 +157,6 @@ class Creases:
         there = set(np.unique(group[weights.max(0) > 0]).tolist())
         units = {name: parts[name] for index, name in enumerate(GROUPS) if index in there}
         return cls(weights, group, units)
-
-
-def group_of(unit: str) -> str:
-    """Name of the group of a unit; units that belong to none, as of imported heads, are the mouth's."""
-    return next((name for name, starts in GROUPS.items() if unit.startswith(starts)), "mouth")
 
 
 def _compression(

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.arrays import Float32
 from service.colour import linear_to_srgb, luma
 from service.errors import ModelFault, UsageError
 from service.face.region import Region
@@ -32,19 +31,16 @@ from service.hair.groom import make_groom
 from service.hair.kinds import CURLS, LENGTHS
 from service.hair.outline import to_outline
 from service.hair.reading import CELLS
-from service.hair.scalp import CENTRE, Scalp, length_of
+from service.hair.scalp import CENTRE, Scalp
 from service.hair.shape import (
     BUST_M,
     filled,
     fitted,
-    led_aside,
-    one_plait,
     seen_share,
     seen_thinning,
     to_hairline,
     trimmed,
     upright,
-    without_stumps,
 )  # fmt: skip
 from service.hair.sight import Sight, overlap
 from service.hair.style import NAMED, Style, style_to_json
@@ -154,19 +150,6 @@ def test_a_lock_is_bent_neither_off_the_skull_nor_over_a_bald_one() -> None:
     for _ in range(4):  # each goes on from what the one before has bent: a lock lay across the forehead
         combed = filled(combed, rimmed, SKIN, rng)
     assert combed.strands[..., 1].max() < bald.groom.strands[..., 1].max() + 0.01
-
-
-def test_a_plait_that_is_not_seen_is_no_mirror_image() -> None:
-    """Both sides are shown, one has a plait: the other got one as well. Where both have one, both stay."""
-    two = dataclasses.replace(NAMED["ponytail"], kind="two_plaits", gather="two_plaits", tie_y=-0.04)
-    seen = photographed(two, 3, HEAD)
-    assert one_plait(two, seen.sight).gather == "two_plaits"
-    for side in (1, -1):
-        hidden = seen.sight.hair * ((np.arange(CELLS) < CELLS // 2) == (side < 0))
-        one = one_plait(two, dataclasses.replace(seen.sight, hair=hidden))
-        assert one.gather == "plait" and np.sign(one.tie_x) == side
-        tail = make_groom(one, 0, 500).strands[:, -1]
-        assert (tail[:, 0] * side > 0.03).mean() > 0.95 and mirrored(one).tie_x == -one.tie_x
 
 
 def test_long_hair_covers_the_whole_ear() -> None:
@@ -309,46 +292,6 @@ def test_long_hair_ends_with_the_bust_unless_the_photo_shows_more_of_it() -> Non
     shown = dataclasses.replace(long.sight, known=np.ones_like(known), hair=np.ones_like(known))
     whole, _ = trimmed(long.groom.strands, shown, SKIN, np.random.default_rng(0))
     assert whole[..., 1].min() < BUST_M - 0.05
-
-
-def test_strands_that_would_cross_the_face_run_along_its_hairline() -> None:
-    """Loose hair combed over a forehead that the photo shows bare: it flows beside it, none is left across it."""
-    seen = photographed(NAMED["bob"], 3, HEAD)
-    combed = dataclasses.replace(NAMED["bob"], parting="none", combing="forward")
-    over = photographed(combed, 3, HEAD).groom.strands
-    led = led_aside(over, seen.sight, SKIN)
-
-    def crossing(strands: Float32) -> float:
-        bare, shown = seen.sight.read(seen.sight.bare, strands)
-        return float(((bare > 0.9) & shown).mean())
-
-    assert crossing(over) > 0.005 and crossing(led) < 0.4 * crossing(over)
-    np.testing.assert_array_equal(led[:, 0], over[:, 0])
-    assert np.isfinite(led).all() and (SKIN.outside(led[:, 2:]) < -0.003).mean() < 0.02
-    bald = dataclasses.replace(seen.sight, hair=np.zeros_like(seen.sight.hair))
-    np.testing.assert_array_equal(led_aside(over, bald, SKIN), over)  # no hair to lead it to
-    assert not len(led_aside(over[:0], seen.sight, SKIN))
-
-
-def test_hair_without_a_fringe_does_not_end_over_the_face() -> None:
-    """Strands that were cut over a bare forehead were left as stumps: slabs stood over the hairline."""
-    seen = photographed(NAMED["bob"], 3, HEAD)
-    whole = seen.groom.strands
-    front = np.flatnonzero((whole[:, 0, 2] > 0.0) & (np.abs(whole[:, 0, 0]) < 0.06))[::3]
-    assert len(front) > 10
-    down = np.linspace(0, 0.14, whole.shape[1])[:, None] * np.array([0.0, -1.0, 0.15])
-    over = whole.copy()
-    over[front] = (whole[front, :1] + down).astype(np.float32)
-    over[front, 1:] = SKIN.pushed(over[front, 1:], 0.002)
-    cut, kept = trimmed(over, seen.sight, SKIN, np.random.default_rng(0))
-    stumps = length_of(cut[front]) < 0.1
-    assert stumps.mean() > 0.5
-    made, left = without_stumps(over, cut, kept | True, seen.sight, SKIN)
-    assert np.isfinite(made).all() and left.mean() > 0.95
-    ends = length_of(made[front])[stumps & left[front]]
-    assert (ends > 0.1).mean() > 0.9
-    none = without_stumps(over[:0], cut[:0], kept[:0], seen.sight, SKIN)
-    assert len(none[0]) == len(none[1]) == 0
 
 
 @pytest.mark.parametrize("name", ["brown", "blond", "red"])
