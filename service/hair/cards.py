@@ -8,7 +8,7 @@
 
 One mesh is cut out by alpha (``hair``): ribbons, and beneath them fewer and denser ones that close slits. Two are
 blended, so that the hairline is soft: single hairs (``hair_edge``), and the shade of roots on the scalp (``hair_cap``).
-What a ribbon cannot follow, curls above all, its texture shows.
+What a ribbon cannot follow, waves and coils above all, its texture shows.
 """
 
 from __future__ import annotations
@@ -53,7 +53,12 @@ ROW_M = 0.028
 FIRST_ROW_M, MOST_UNEVEN = 0.02, 1.6
 """Length of the first quad, and the power by which rows lie closer at the root, at most."""
 ROWS = (3, 14)
-"""Fewest and most quads of a ribbon; waves and curls are in its texture."""
+"""Fewest and most quads of a ribbon."""
+FLAT, ROWS_A_TURN, MOST_WOUND = 0.7, 4, 24
+"""Flatness of a wave from which on it is in the texture of ribbons alone, as are tight coils; quads along one turn of
+other curls, and most of a ribbon that winds."""
+WHOLE = 3.0
+"""How much more bundles of curls differ by their locks than by their place in these."""
 TINTS = 8
 """Places along a strand at which it has its colours."""
 SPREAD = 2.1
@@ -128,10 +133,13 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0, name: 
     left = max(budget.triangles - (0 if cap is None else len(cap[3])), 0)
     wanted = {kind: int(share * left) for kind, share in SHARES.items()}
     length = float(np.median(length_of(groom.strands)))
-    rows = _rows(length, len(groom), wanted["body"])
+    wave = WAVES[groom.style.curl]
+    turns = 1000 * length / wave.pitch_mm if wave.flat < FLAT else 0.0
+    rows = _rows(length, len(groom), wanted["body"], turns)
     inner_rows = max(ROWS[0], rows // 2)
     at, inner_at, hair_at = (places(length, count) for count in (rows, inner_rows, min(rows, 6)))
-    ribbons = Ribbons.along(groom.strands, at, wanted["body"] // (2 * rows), body, scalp, rng)
+    lock = groom.lock.astype(np.int64) if turns else None
+    ribbons = Ribbons.along(groom.strands, at, wanted["body"] // (2 * rows), body, scalp, rng, lock)
     inner = Ribbons.along(groom.strands, inner_at, wanted["inner"] // (2 * inner_rows), body, scalp, rng)
     inner = inner.backing(body, scalp, inner.holding(edge))
     hairs = _single_hairs(groom, edge, hair_at, wanted["single"], body, rng)
@@ -141,9 +149,13 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0, name: 
     return _parts(name, ribbons, inner, hairs, cap, of, atlas, body)
 
 
-def _rows(length: float, strands: int, triangles: int) -> int:
-    """Quads of a ribbon: by its length, and more where the strands are too few for as many ribbons as may be drawn."""
-    return int(np.clip(np.ceil(max(length / ROW_M, triangles / strands)), *ROWS))
+def _rows(length: float, strands: int, triangles: int, turns: float) -> int:
+    """Quads of a ribbon: by its length, and more where the strands are too few for as many ribbons as may be drawn, or
+    wind so many ``turns``.
+    """
+    few, most = ROWS
+    even = np.clip(np.ceil(max(length / ROW_M, triangles / strands)), few, most)
+    return int(max(even, min(np.ceil(ROWS_A_TURN * turns), MOST_WOUND)))
 
 
 def body_of(strands: Float32, scalp: Scalp) -> Field:
@@ -182,13 +194,21 @@ class Ribbons:
 
     @classmethod
     def along(
-        cls, strands: Float32, at: Float64, count: int, body: Field, scalp: Scalp, rng: np.random.Generator
-    ) -> Ribbons:
-        """At most ``count`` ribbons with rows ``at`` (S + 1,) along the bundles of strands (N, P, 3)."""
+        cls, strands: Float32, at: Float64, count: int, body: Field, scalp: Scalp, rng: np.random.Generator,
+        lock: Int64 | None = None,
+    ) -> Ribbons:  # fmt: skip
+        """At most ``count`` ribbons with rows ``at`` (S + 1,) along the bundles of strands (N, P, 3).
+
+        Where strands wind, ``lock`` (N,) says which wind alike: others' turns would cancel out.
+        """
         coarse = _sampled(strands, np.linspace(0, 1, 8))
         # Where they begin and end tells bundles apart more than where they run.
         weight = np.array([1.4, 1, 1, 1, 1, 1, 1, 1.2], np.float32)[:, None]
-        label = kmeans((coarse * weight).reshape(len(strands), -1), min(count, max(len(strands) // 2, 1)), 4, rng)
+        described = (coarse * weight).reshape(len(strands), -1)
+        if lock is not None:
+            of_lock = _means(lock, described, int(lock.max()) + 1)[lock]
+            described = np.concatenate([WHOLE * of_lock, described - of_lock], 1)
+        label = kmeans(described, min(count, max(len(strands) // 2, 1)), 4, rng)
         number = np.bincount(label).astype(np.float32)
         own = _sampled(strands, at)
         line = _means(label, own, len(number))

@@ -80,6 +80,17 @@ def test_ribbons_do_not_dip_into_the_head(made: tuple[Groom, tuple[MeshPart, ...
     assert len(over) < 500 or (mean_scalp().outside(over) < CAP_M).mean() < MOST_WITHIN
 
 
+def test_ribbons_of_curls_wind() -> None:
+    """Would break where locks that turn elsewhere share a ribbon: their turns cancel out, and 28 degrees are left."""
+    groom = make_groom(NAMED["curly"], 3, 2500)
+    cards = hair_parts(groom, mean_scalp(), Budget(60_000, 512))[0]
+    steps = np.diff(cards.vertices.reshape(-1, 2, 3).mean(1), axis=0)  # from row to row, and from ribbon to ribbon
+    size = np.linalg.norm(steps, axis=1)
+    within = (size[1:] < 0.03) & (size[:-1] < 0.03)
+    cosine = (steps[1:] * steps[:-1]).sum(1)[within] / np.maximum(size[1:] * size[:-1], 1e-12)[within]
+    assert np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))) > 40
+
+
 def test_alpha_holds_in_mip_levels(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
     alpha = atlas(made[1])[..., 3].astype(np.float32) / 255
     low, high = cell_corners(np.array([BODY]))
