@@ -51,8 +51,8 @@ DARKER, FULLER = 0.68, 0.4
 shade, or stubble, which the skin's texture shows."""
 HANGS_M = 0.02
 """How far below the chin hair is seen from which on a beard is long."""
-SIDEBURNS = 0.6
-"""Share of the skin before the ears that is as dark as the beard from which on there are sideburns."""
+REACHES, FEWEST = 0.42, 8
+"""Probability of beard on the corner of the jaw from which on it reaches the ears, and fewest vertices that tell."""
 BESIDE_CELLS = 7.0
 """Standard deviation of the blur that tells the skin beside a cell: 17 mm."""
 NECK_M, JAW_RISES = -0.113, 0.25
@@ -138,33 +138,32 @@ def _seen(photo: Photo, head: HeadModel, fit: Fit, reading: Reading, scalp: Scal
     hangs, (beside, told) = _below_chin(head, fit, reading), _over_skin(photo, parts, sight)
     told &= mask > SURE
     usual = float(np.median(beside[told])) if told.any() else 1.0
-    # Moustache and sideburns, which the reader misses, are as dark as the rest.
+    # A moustache, and what is round the mouth in long beards, which the reader misses, is as dark as the rest.
     depth = 1 - usual
     if hangs < HANGS_M and (sure < FULL or (sure < FULLER and usual > DARKER)):
         return None
     as_dark = ramp(1 - beside, (0.25 * depth, 0.65 * depth)) if usual < DARKER else none
-    as_dark = as_dark * ramp(parts[..., SKIN] + parts[..., BEARD], (0.2, 0.6))  # hair beside the face is as dark
-    dark, _ = sight.read(as_dark, fit.vertices)
-    missed = np.maximum.reduce([*_missed(head, dark, seen), zone * (hangs > HANGS_M)])
-    both = np.maximum(zone, missed)
-    most = np.maximum(shown, missed * dark)
+    missed = zone if hangs > HANGS_M else _under_nose(head)
+    sides = _sideburns(head, shown, seen)
+    both = np.maximum(zone, sides)
+    most = np.maximum(shown, missed * sight.read(as_dark, fit.vertices)[0])
     other = np.where(seen, most, np.where(seen[head.mirror], most[head.mirror], 0))
     of_skin = head.triangle_part == head.part_names.index("skin")
     triangles, uv = head.triangles[of_skin], head.uv[head.triangle_uv[of_skin]]
     kept = (both[triangles] > 0.02).all(1)
-    columns = np.column_stack([fit.neutral, fit.vertices, normals, both, missed, seen, other])
+    columns = np.column_stack([fit.neutral, fit.vertices, normals, both, missed, sides, seen, other])
     fine = np.concatenate([columns[triangles[kept]], uv[kept]], 2).astype(np.float32)
     for _ in range(SPLITS):
         fine = _split(fine)
     neutral, posed, normal = (fine[..., k : k + 3] for k in (0, 3, 6))
-    both, missed, seen, other = np.moveaxis(fine[..., 9:13], 2, 0)
+    both, missed, sides, seen, other = np.moveaxis(fine[..., 9:14], 2, 0)
     shown = np.maximum(sight.read(mask, posed)[0], missed * sight.read(as_dark, posed)[0])
     shown = np.where(seen > 0.99, shown, other)  # an unseen side is as the other
-    grows = ramp(shown, (0.2, 0.7)) * ramp(both, (0.1, 0.5))
+    grows = ramp(np.maximum(shown, sides), (0.2, 0.7)) * ramp(both, (0.1, 0.5))
     if not (grows > EDGE).any():
         return None
     skin = replace(
-        scalp or Scalp.of(head, fit.neutral), corners=neutral, normals=unit(normal), grows=grows, uv=fine[..., 13:]
+        scalp or Scalp.of(head, fit.neutral), corners=neutral, normals=unit(normal), grows=grows, uv=fine[..., 14:]
     )
     sides = neutral[:, 1:] - neutral[:, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
@@ -179,15 +178,24 @@ def _split(corners: Float32) -> Float32:
     return np.concatenate([*outer, middles])
 
 
-def _missed(head: HeadModel, dark: Float32, seen: Bool) -> tuple[Float32, Float32]:
-    """(V,) 1 under the nose, and before ears where more than a few spots (V,) that are seen are dark; 0 elsewhere."""
+def _under_nose(head: HeadModel) -> Float32:
+    """(V,) 1 where a moustache grows, 0 elsewhere."""
     x, y, z = np.abs(head.mean[:, 0]), head.mean[:, 1], head.mean[:, 2]
-    under_nose = (head.region("beard") > 0.5) & (y > -0.063) & (y < -0.053) & (x < 0.035) & (z > 0)
+    return np.asarray((head.region("beard") > 0.5) & (y > -0.063) & (y < -0.053) & (x < 0.035) & (z > 0), np.float32)
+
+
+def _sideburns(head: HeadModel, shown: Float32, seen: Bool) -> Float32:
+    """(V,) 1 before the ears of a beard that reaches them, by how far it is shown (V,) where the photo shows the head.
+
+    It goes on to the hair; the reader misses that.
+    """
+    x, y, z = np.abs(head.mean[:, 0]), head.mean[:, 1], head.mean[:, 2]
     ear = np.maximum(head.region("ear_left"), head.region("ear_right"))
-    before_ear = (x > 0.05) & (y > -0.05) & (y < 0.025) & (z > -0.075) & (z < -0.03) & (ear < 0.5)
-    told = before_ear & seen
-    full = told.any() and float(dark[told].mean()) > SIDEBURNS
-    return np.asarray(under_nose, np.float32), np.asarray(before_ear * full, np.float32)
+    beside = (x > 0.05) & (ear < 0.5)
+    jaw = beside & (z < -0.015) & (y > -0.085) & (y < -0.05) & (head.region("beard") > 0.5) & seen
+    strip = beside & (z > -0.075) & (z < -0.04) & (y > -0.06) & (y < 0.025)
+    reaches = int(jaw.sum()) >= FEWEST and float(shown[jaw].mean()) > REACHES
+    return np.asarray(strip & reaches, np.float32)
 
 
 def _below_chin(head: HeadModel, fit: Fit, reading: Reading) -> float:

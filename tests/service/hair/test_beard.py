@@ -94,6 +94,19 @@ def test_an_unseen_cheek_has_the_beard_of_the_other() -> None:
     assert min(left, right) > 0.6 * max(left, right)
 
 
+def test_a_beard_that_reaches_the_ears_goes_on_to_the_hair() -> None:
+    """The reader knows no sideburns: between beard and hair lay a bare strip. A goatee has none."""
+    photo, fit, reading = photographed(yaw=50.0)
+    assert (grown(photo, fit, reading).groom.strands[:, 0, 1] > -0.02).sum() > 20
+    goatee = reading.parts.copy()
+    at = reading.region.to_crop(fit.camera.project(HEAD.mean[HEAD.region("chin") > 0.5]), PART_CELLS)
+    beside = np.ones((PART_CELLS, PART_CELLS), np.bool_)
+    beside[:, int(at[:, 0].min()) - 8 : int(at[:, 0].max()) + 8] = False
+    goatee[beside, BEARD] = 0
+    made = grow_beard(photo, HEAD, fit, dataclasses.replace(reading, parts=goatee), SCALP, 5000, 0)
+    assert made is None or (made.groom.strands[:, 0, 1] > -0.02).sum() == 0
+
+
 def test_shade_and_stubble_grow_no_strands() -> None:
     """What is no darker than the skin beside it is not known for a beard unless there is much of it."""
     photo, fit, reading = photographed(code=SKIN_CODE - 20)
