@@ -223,7 +223,7 @@ brow from which on they do not; least probability of an eye that is seen behind 
 chart's width, within which its lids are: 4 mm."""
 LENS = 0.03
 """How far a lens reaches beyond what the reader makes out of glasses, over the chart's width: 13 mm."""
-MIRRORS, GREEN, BRIGHT = (0.6, 0.9), 0.75, (0.15, 0.25)
+MIRRORS, GREEN, BRIGHT = (0.4, 0.7), 0.75, (0.15, 0.25)
 """How much bluer than the face's skin lenses mirror, natural logarithm of blue over red; what of green, which coatings
 mirror too, counts as blue; and luminance over the skin's, as lashes and brows are blue for want of light."""
 RAMP = (0.25, 0.55)
