@@ -349,10 +349,6 @@ KIND, OF_KIND = 0.1, 0.05
 bank together leave, minus the logarithm of the probability: a kind wins, and no single style by luck."""
 LEAST_FRINGE_MM = 40.0
 """Shortest fringe of hair that is more than twice as long."""
-LESS_STRAIGHT: float = 0.45
-SLIGHT: Curl = "2a"
-"""Factor on the odds of straight hair below which it is slightly wavy instead: long waves, whose strands run alike from
-place to place, are read as straight."""
 KEEP = 0.004
 """Gain below which a number stays as the bank has it."""
 _LENGTH, _GATHERED = (list(KINDS).index(name) for name in ("length", "gathered"))
@@ -418,9 +414,6 @@ def usual_curl(bank: Bank, matches: Matches, read: HairReading) -> Curl:
     of_class = np.array([int(name[0]) - 1 for name in types])
     told = np.maximum([read.kinds["curl"].get(name, 0.0) for name in CURLS], 1e-6)
     odds = told * np.bincount(of_class, share, len(CURLS))
-    if odds.argmax() == (straight := CURLS.index("straight")):
-        slightly = odds[straight] * LESS_STRAIGHT < max(np.delete(odds, straight))
-        return SLIGHT if slightly else types[0]
     likely = np.where(of_class == odds.argmax(), share, 0)
     return types[int(np.searchsorted(np.cumsum(likely) / likely.sum(), 0.5))]
 

@@ -251,12 +251,8 @@ class _Hanging:
         # Hair from higher up lies over hair from below, so the body of hair gets its thickness.
         layer = 0.25 + 0.75 * smoothstep(roots.elevation, -0.6, 1.2)
         layer = (layer * rng.uniform(0.5, 1.0, len(roots))).astype(np.float32) * np.float32(style.volume_mm / 1000)
-        parted: float | Float32 = 0.0
-        if style.parting != "none":
-            aside = np.asarray(np.abs(roots.position[:, 0] - PARTINGS_M[style.parting]), np.float32)
-            parted = 0.15 * np.exp(-np.square(aside / 0.012)) * (roots.position[:, 2] > PARTED_M[1])
         # Long strands have long steps: the first of them must not carry them farther from the skin than short ones'.
-        rising = np.clip(style.lift + parted, 0, 1) * np.clip(RISES_M / np.maximum(step[:, 0], 1e-6), 0.3, 1)
+        rising = style.lift * np.clip(RISES_M / np.maximum(step[:, 0], 1e-6), 0.3, 1)
         # What pins leave at the temples is a lock or two: it falls behind the shoulders with the rest.
         before = _forward(roots) & (rng.random(len(roots)) >= style.tucked) & (style.gather != "pinned")
         off_crown = np.linalg.norm(roots.position - CROWN, axis=1, keepdims=True)

@@ -321,3 +321,23 @@ UNSEEN_SKIN = LightCorrection(
     cases=("cap", "beard", "hard"),
     apply=everywhere,
 )
+
+
+def no_bluer(at: ChartLight) -> Float32:
+    """(3, h, w) log light under which beards and unseen skin are nowhere bluer than grey, as no hair and no skin is.
+
+    White hair shows the light's own colour. Where the skin's hue made the network tell a warmer light than that, or a
+    photo's colours were made stronger, white beards came out blue.
+    """
+    albedo = np.log(np.maximum(at.texture, np.float32(DARKEST))) - at.light
+    bluer = np.maximum(albedo - albedo[:1], 0)
+    no_skin = np.clip(at.shown - at.weight + at.inpainted, 0, 1)
+    return np.asarray(at.light + no_skin * bluer, np.float32)
+
+
+GREY_HAIR = LightCorrection(
+    name="grey-hair",
+    mends="White and grey beards come out blue where the skin tells a warmer light than there is.",
+    cases=("beard",),
+    apply=no_bluer,
+)

@@ -25,6 +25,7 @@ from service.light.scene import BRIGHT
 from service.reflectance.albedo.albedo_prior import DARKEST, clues, error_model
 from service.reflectance.albedo.beside_skin import as_told
 from service.reflectance.albedo.corrections import (
+    GREY_HAIR,
     LIGHT_CONTRAST,
     SKIN_HUE,
     UNSEEN_SKIN,
@@ -46,6 +47,10 @@ from service.texture.texture import PhotoTexture
 
 ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST, UNLIKE_SKIN)
 """Corrections of the light where the photo shows skin in it, in order."""
+
+EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN, GREY_HAIR)
+"""Corrections of the light that is continued from there to the whole chart, in order."""
+
 
 TOLD_LIGHT = Correction(
     name="told-light",
@@ -106,7 +111,7 @@ def found_by(
             return told, error_model().stated(clues(told.light, own.texture, own.weight, lids, None, white))
 
         on_skin = agreed_light(on_skin, photos, delit)
-    whole = corrected(replace(on_skin, found=on_skin.light), (UNSEEN_SKIN,), ledger)
+    whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
     prior = start.prior
     apart = None if prior is None else prior.apart(start.shown)
     clue_planes = clues(whole.light, start.texture, start.weight, lids, apart, white_seen)
@@ -226,7 +231,7 @@ def diffuse_albedo(
     return Delit(result, None if found is None else error_model().stated(found.clues))
 
 
-REGISTRY: tuple[Correction, ...] = (*ON_LIT_SKIN, UNSEEN_SKIN, TOLD_LIGHT, HIGHLIGHTS)
+REGISTRY: tuple[Correction, ...] = (*ON_LIT_SKIN, *EVERYWHERE, TOLD_LIGHT, HIGHLIGHTS)
 
 NAMES = tuple(one.name for one in REGISTRY)
 

@@ -12,10 +12,12 @@ from service.errors import UsageError
 from service.options import Options
 from service.reflectance.albedo.corrections import (
     FEW,
+    ChartLight,
     as_seen_skin,
     continued,
     evenness,
     less_contrast,
+    no_bluer,
     within_skin,
 )
 from service.reflectance.albedo.diffuse_albedo import NAMES
@@ -119,3 +121,19 @@ def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:
     assert as_seen_skin(light, texture, light, 0 * lit, 1 - lit, 0 * lit) is light
     assert as_seen_skin(light, texture, light, lit, 0 * lit, lit) is light
     assert np.isfinite(as_seen_skin(light, 0 * texture, light, lit, 1 - lit, lit)).all()
+
+
+def test_white_beards_are_white_in_whatever_light_the_skin_tells() -> None:
+    """A white beard was blue, as the skin's hue told a warmer light than there was. Skin keeps the light it told."""
+    white = seen((0.6, 0.6, 0.55))
+    warm = np.tile(np.array([-0.6, -1.0, -1.6], np.float32)[:, None, None], (1, 12, 16))
+    beard = np.where(np.arange(12)[:, None] >= 6, 1, 0) * np.ones((12, 16), np.float32)
+    state = ChartLight(warm, warm, white, 1 - beard, LIT, 0 * LIT, LIT)
+    after = no_bluer(state)
+    assert np.array_equal(after[:, :6], warm[:, :6])
+    red, green, blue = np.exp(np.log(white) - after)[:, 6:]
+    assert np.allclose(green, red, rtol=1e-4) and np.allclose(blue, red, rtol=1e-4)
+    assert np.allclose(after[0], warm[0]), "only what is bluer than red changes"
+    brown = ChartLight(DARK_LIGHT, DARK_LIGHT, seen((0.2, 0.1, 0.05)), 1 - beard, LIT, 0 * LIT, LIT)
+    assert np.array_equal(no_bluer(brown), DARK_LIGHT)
+    assert np.isfinite(no_bluer(ChartLight(warm, warm, 0 * white, 0 * LIT, LIT, LIT, LIT))).all()
