@@ -30,6 +30,7 @@ from service.hair.shape import seen_share
 from service.hair.sight import Sight
 from service.hair.style import Style
 from service.head.model import HeadModel
+from service.head.regions import vertex_mask
 from service.image_filters import blurred, ramp
 from service.levels import QualityName
 from service.materials.part import MeshPart, targets_of
@@ -49,6 +50,8 @@ SURE, FULL = 0.6, 0.15
 DARKER, FULLER = 0.68, 0.4
 """A beard is no brighter than this over the skin beside it, or covers more of its zone than that, or hangs: else it is
 shade, or stubble, which the skin's texture shows."""
+LEAST_SHARE = 0.02
+"""Least share of the skin where a beard can grow that has one."""
 HANGS_M = 0.02
 """How far below the chin hair is seen from which on a beard is long."""
 REACHES, FEWEST = 0.42, 8
@@ -138,10 +141,10 @@ def _seen(photo: Photo, head: HeadModel, fit: Fit, reading: Reading, scalp: Scal
     hangs, (beside, told) = _below_chin(head, fit, reading), _over_skin(photo, parts, sight)
     told &= mask > SURE
     usual = float(np.median(beside[told])) if told.any() else 1.0
-    # A moustache, and what is round the mouth in long beards, which the reader misses, is as dark as the rest.
-    depth = 1 - usual
     if hangs < HANGS_M and (sure < FULL or (sure < FULLER and usual > DARKER)):
         return None
+    # A moustache, and what is round the mouth in long beards, which the reader misses, is as dark as the rest.
+    depth = 1 - usual
     as_dark = ramp(1 - beside, (0.25 * depth, 0.65 * depth)) if usual < DARKER else none
     missed = zone if hangs > HANGS_M else _under_nose(head)
     sides = _sideburns(head, shown, seen)
@@ -160,15 +163,15 @@ def _seen(photo: Photo, head: HeadModel, fit: Fit, reading: Reading, scalp: Scal
     shown = np.maximum(sight.read(mask, posed)[0], missed * sight.read(as_dark, posed)[0])
     shown = np.where(seen > 0.99, shown, other)  # an unseen side is as the other
     grows = ramp(np.maximum(shown, sides), (0.2, 0.7)) * ramp(both, (0.1, 0.5))
-    if not (grows > EDGE).any():
+    edges = neutral[:, 1:] - neutral[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    whole = float((area * both.mean(1)).sum())
+    if float(area[(grows > EDGE).all(1)].sum()) < LEAST_SHARE * whole:  # on so little roots would be hard to place
         return None
     skin = replace(
         scalp or Scalp.of(head, fit.neutral), corners=neutral, normals=unit(normal), grows=grows, uv=fine[..., 14:]
     )
-    sides = neutral[:, 1:] - neutral[:, :1]
-    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    share = float((area * grows.mean(1)).sum() / (area * both.mean(1)).sum())
-    return Seen(skin, min(share, 1.0), sight, read, hangs)
+    return Seen(skin, min(float((area * grows.mean(1)).sum()) / whole, 1.0), sight, read, hangs)
 
 
 def _split(corners: Float32) -> Float32:
@@ -190,7 +193,7 @@ def _sideburns(head: HeadModel, shown: Float32, seen: Bool) -> Float32:
     It goes on to the hair; the reader misses that.
     """
     x, y, z = np.abs(head.mean[:, 0]), head.mean[:, 1], head.mean[:, 2]
-    ear = np.maximum(head.region("ear_left"), head.region("ear_right"))
+    ear = np.maximum(vertex_mask(head, "ear_left"), vertex_mask(head, "ear_right"))
     beside = (x > 0.05) & (ear < 0.5)
     jaw = beside & (z < -0.015) & (y > -0.085) & (y < -0.05) & (head.region("beard") > 0.5) & seen
     strip = beside & (z > -0.075) & (z < -0.04) & (y > -0.06) & (y < 0.025)

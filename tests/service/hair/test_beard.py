@@ -128,6 +128,21 @@ def test_no_beard_where_none_is_read_or_the_head_knows_of_none() -> None:
     assert grow_beard(photo, dataclasses.replace(HEAD, region_names=named), fit, reading, SCALP, 5000, 0) is None
 
 
+@pytest.mark.parametrize("cells", [2, 8, 14, 20])
+def test_a_tuft_is_a_small_beard_or_none(cells: int) -> None:
+    """Long, and on little skin: places for its roots were sought without end, or its cards had no triangle left."""
+    photo, fit, reading = photographed(hangs_m=0.05)
+    few = np.zeros_like(reading.parts)
+    few[..., SKIN] = 1
+    at = reading.region.to_crop(fit.camera.project(HEAD.mean[HEAD.region("chin") > 0.5]), PART_CELLS).mean(0)
+    tuft = slice(int(at[1]) - cells // 2, None), slice(int(at[0]) - cells // 2, int(at[0]) + cells // 2)
+    few[*tuft, BEARD], few[*tuft, SKIN] = 1, 0
+    made = grow_beard(photo, HEAD, fit, dataclasses.replace(reading, parts=few), SCALP, 5000, 0)
+    parts = beard_cards(made, HEAD, fit, "draft", 0)
+    assert bool(parts) == (made is not None) == (cells >= 8), cells
+    assert all(len(part.faces) for part in parts)
+
+
 def test_cards_follow_the_jaw() -> None:
     """As far as the skin below them, in all units; would break where a strand hung on the other lip."""
     photo, fit, reading = photographed()
