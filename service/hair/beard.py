@@ -46,7 +46,8 @@ BUDGETS: dict[QualityName, Budget] = {
 FULL_BEARD = 1.2
 """Strands of a beard on all of the skin where one can grow over those of a full head: it is denser."""
 SURE, FULL = 0.6, 0.15
-"""Probability of beard from which on a cell tells of it, and the least share of the zone that such cells are."""
+"""Probability of beard from which on a cell tells of it, and the least share of the zone that such cells are: a third
+of it where the beard hangs."""
 DARKER, FULLER = 0.68, 0.4
 """A beard is no brighter than this over the skin beside it, or covers more of its zone than that, or hangs: else it is
 shade, or stubble, which the skin's texture shows."""
@@ -141,7 +142,7 @@ def _seen(photo: Photo, head: HeadModel, fit: Fit, reading: Reading, scalp: Scal
     hangs, (beside, told) = _below_chin(head, fit, reading), _over_skin(photo, parts, sight)
     told &= mask > SURE
     usual = float(np.median(beside[told])) if told.any() else 1.0
-    if hangs < HANGS_M and (sure < FULL or (sure < FULLER and usual > DARKER)):
+    if sure < FULL * (0.3 if hangs > HANGS_M else 1.0) or (hangs < HANGS_M and sure < FULLER and usual > DARKER):
         return None
     # A moustache, and what is round the mouth in long beards, which the reader misses, is as dark as the rest.
     depth = 1 - usual

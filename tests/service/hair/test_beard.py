@@ -128,7 +128,7 @@ def test_no_beard_where_none_is_read_or_the_head_knows_of_none() -> None:
     assert grow_beard(photo, dataclasses.replace(HEAD, region_names=named), fit, reading, SCALP, 5000, 0) is None
 
 
-@pytest.mark.parametrize("cells", [2, 8, 14, 20])
+@pytest.mark.parametrize("cells", [2, 4, 8, 14, 28])
 def test_a_tuft_is_a_small_beard_or_none(cells: int) -> None:
     """Long, and on little skin: places for its roots were sought without end, or its cards had no triangle left."""
     photo, fit, reading = photographed(hangs_m=0.05)
