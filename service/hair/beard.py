@@ -108,7 +108,7 @@ def grow_beard(
 
     Args:
         photo: that was fitted.
-        head: the model; its regions ``beard`` and ``chin`` say where.
+        head: the model; its regions ``beard``, ``chin`` and ``scalp`` say where hair grows.
         fit: camera and vertices.
         reading: of the photo's parts.
         scalp: of the fitted head at rest; None to make it.

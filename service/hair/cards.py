@@ -30,8 +30,9 @@ from service.levels import QualityName
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 
-HAIR, EDGE, CAP = PARTS = ("hair", "hair_edge", "hair_cap")
-"""Names of the meshes."""
+HAIR, CAP = "hair", "hair_cap"
+PARTS = (HAIR, "hair_edge", CAP)
+"""Names of the meshes of a head of hair, in their order."""
 
 
 @dataclass(frozen=True)
