@@ -182,15 +182,15 @@ def make_avatar(
 
         def so_far(made: Reflectance | None) -> Avatar:
             """The avatar with maps as far as they are made, its parts without the photo's light."""
-            own_hair, own_beard, own_parts = hair.result(), grown.result(), parts.result()
+            own_hair, own_parts = hair.result(), parts.result()
+            beard = None if (shown := grown.result()) is None else shown.groom
             if made is not None and made.diffuse_albedo is not None:
                 albedo = small_albedo(made.diffuse_albedo, texture.texture.shape[1::-1])
                 light = to_albedo(texture.texture, albedo, texture.lit_skin)
                 own_parts = in_albedo(own_parts, brows, head, albedo, light)
                 own_hair, own_parts = hair_in_albedo(own_hair, own_parts, light / over_skin(own_hair.groom, fit))
-                if own_beard is not None:
-                    groom, own_parts = groom_in_albedo(own_beard.groom, own_parts, light, BEARD)
-                    own_beard = replace(own_beard, groom=groom)
+                if beard is not None:
+                    beard, own_parts = groom_in_albedo(beard, own_parts, light, BEARD)
             return Avatar(
                 photo=photo,
                 face=face,
@@ -204,7 +204,7 @@ def make_avatar(
                 models=model_cards(head, head_file, plan.networks),
                 parts=(*coarser(own_parts, step), *mouth.result(), *eyes.result()),
                 hair=own_hair,
-                beard=None if own_beard is None else own_beard.groom,
+                beard=beard,
                 own_texture=own_texture,
                 warnings=(*warnings, *(("photos-left-out",) if gathered.left_out else ())),
             )

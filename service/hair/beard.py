@@ -20,6 +20,8 @@ from service.face.reading.part_labels import BEARD, OTHER, SKIN
 from service.face.reading.reader import Reading, middles, parts_at_pixels
 from service.geometry.mesh import unit, vertex_normals
 from service.geometry.nearest import Nearest
+from service.geometry.raster import interpolate
+from service.geometry.remesh import split_in_four
 from service.hair.cards import Budget, hair_parts
 from service.hair.find_hair import USUAL_SKIN, painted
 from service.hair.groom import Groom, wandering
@@ -133,10 +135,9 @@ def _seen(photo: Photo, head: HeadModel, fit: Fit, reading: Reading, scalp: Scal
     # What hangs before the neck is taken for hair of the neck.
     zone = head.region("beard") * (head.mean[:, 1] > NECK_M + JAW_RISES * np.maximum(-head.mean[:, 2] - 0.01, 0))
     normals = vertex_normals(fit.neutral, head.triangles)
-    turned = vertex_normals(fit.vertices, head.triangles) @ fit.camera.rotation.T
-    ahead = unit(fit.camera.to_camera(fit.vertices))
+    ahead = unit(fit.camera.centre - fit.vertices)
     shown, seen = sight.read(mask, fit.vertices)
-    seen &= -(turned * ahead).sum(1) > 0.3
+    seen &= (vertex_normals(fit.vertices, head.triangles) * ahead).sum(1) > 0.3
     own = (zone > 0.5) & seen
     sure = float((shown[own] > SURE).mean()) if own.any() else 0.0
     hangs, (beside, told) = _below_chin(head, fit, reading), _over_skin(photo, parts, sight)
@@ -156,30 +157,23 @@ def _seen(photo: Photo, head: HeadModel, fit: Fit, reading: Reading, scalp: Scal
     triangles, uv = head.triangles[of_skin], head.uv[head.triangle_uv[of_skin]]
     kept = (both[triangles] > 0.02).all(1)
     columns = np.column_stack([fit.neutral, fit.vertices, normals, both, missed, sides, seen, other])
-    fine = np.concatenate([columns[triangles[kept]], uv[kept]], 2).astype(np.float32)
+    corners = np.concatenate([columns[triangles[kept]], uv[kept]], 2)  # each of its own, as the chart has seams
+    rows, places = corners.reshape(-1, corners.shape[2]), np.arange(3 * len(corners)).reshape(-1, 3)
     for _ in range(SPLITS):
-        fine = _split(fine)
+        rows, places = split_in_four(rows, places, np.ones(len(places), np.bool_))
+    fine = rows[places].astype(np.float32)
     neutral, posed, normal = (fine[..., k : k + 3] for k in (0, 3, 6))
     both, missed, sides, seen, other = np.moveaxis(fine[..., 9:14], 2, 0)
     shown = np.maximum(sight.read(mask, posed)[0], missed * sight.read(as_dark, posed)[0])
     shown = np.where(seen > 0.99, shown, other)  # an unseen side is as the other
     grows = ramp(np.maximum(shown, sides), (0.2, 0.7)) * ramp(both, (0.1, 0.5))
-    edges = neutral[:, 1:] - neutral[:, :1]
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    whole = float((area * both.mean(1)).sum())
-    if float(area[(grows > EDGE).all(1)].sum()) < LEAST_SHARE * whole:  # on so little roots would be hard to place
-        return None
     skin = replace(
         scalp or Scalp.of(head, fit.neutral), corners=neutral, normals=unit(normal), grows=grows, uv=fine[..., 14:]
     )
-    return Seen(skin, min(float((area * grows.mean(1)).sum()) / whole, 1.0), sight, read, hangs)
-
-
-def _split(corners: Float32) -> Float32:
-    """Corners (T, 3, C) of triangles as those of four each, (4T, 3, C)."""
-    middles = 0.5 * (corners + np.roll(corners, -1, 1))
-    outer = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], 1) for k in range(3)]
-    return np.concatenate([*outer, middles])
+    whole = float((skin.area * both.mean(1)).sum())
+    if float(skin.area[(grows > EDGE).all(1)].sum()) < LEAST_SHARE * whole:  # on so little roots are hard to place
+        return None
+    return Seen(skin, min(float((skin.area * grows.mean(1)).sum()) / whole, 1.0), sight, read, hangs)
 
 
 def _under_nose(head: HeadModel) -> Float32:
@@ -232,7 +226,7 @@ def _groom(seen: Seen, photo: Photo, fit: Fit, strands: int, seed: int) -> Groom
     short = float(np.clip(0.003 + 0.35 * seen.hangs_m, 0.003, 0.016))
     ahead = smoothstep(roots.position[:, 1], -0.075, -0.095) * smoothstep(roots.position[:, 2], -0.03, 0.0)
     length = short + ahead * max(seen.hangs_m - short, 0.0)
-    length *= (0.5 + 0.5 * roots.edge) * np.exp(rng.normal(0, 0.15, len(roots)))
+    length *= (0.5 + 0.5 * roots.edge) * np.exp(0.15 * np.clip(rng.normal(0, 1, len(roots)), -2, 2))
     points = _grown(roots, np.asarray(length, np.float32), seen.skin, rng)
     frizz = float(np.clip(60 * seen.hangs_m, 0.3, 2.0))
     usual = 1000 * short
@@ -312,10 +306,10 @@ def beard_cards(
     budget = replace(most, triangles=int(most.triangles * beard.share))
     for part in hair_parts(groom, beard.skin, budget, seed, NAME):
         strand = lines.one(part.neutral)[1] // points
-        follow, weight = own[near[strand]], share[strand][..., None].astype(np.float32)
+        follow, weight = own[near[strand]], share[strand]
 
         def moved(offsets: AnyFloat, follow: Int64 = follow, weight: Float32 = weight) -> Float32:
-            return np.asarray((np.asarray(offsets, np.float32)[follow] * weight).sum(1), np.float32)
+            return np.asarray(interpolate(np.asarray(offsets, np.float32), follow, weight), np.float32)
 
         vertices = part.neutral + moved(fit.vertices - fit.neutral)
         made.append(replace(part, vertices=vertices, targets=targets_of(head, moved, LEAST_M)))

@@ -181,8 +181,7 @@ class Scalp:
         """
         if not (self.grows > least).any():
             raise ValueError(f"hair grows nowhere: the scalp's mask is at most {self.grows.max(initial=0):.2f}")
-        edges = self.corners[:, 1:] - self.corners[:, :1]
-        chance = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) * self.grows.mean(1)
+        chance = self.area * self.grows.mean(1)
         drawn, made = count, self._spread(count, chance, rng, least)
         while len(made) < count:  # some fall on bare skin
             drawn = int(drawn * min(1.02 * count / max(len(made), 1), 4.0)) + 8
@@ -202,6 +201,12 @@ class Scalp:
         edge = np.clip((grows[kept] - least) / max(1.0 - least, 1e-3), 0, 1)
         uv = (self.uv[own] * weight).sum(1)
         return Roots(position, unit(normal), edge.astype(np.float32), uv.astype(np.float32))
+
+    @cached_property
+    def area(self) -> Float32:
+        """(T,) float32 square metres of the triangles."""
+        edges = self.corners[:, 1:] - self.corners[:, :1]
+        return np.asarray(0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1), np.float32)
 
     @cached_property
     def even(self) -> Roots:

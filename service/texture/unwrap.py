@@ -289,11 +289,14 @@ def shows_opening(parts: Float32, zones: Zones) -> Float32:
 
 def widened(chart: Chart, hidden: Float32) -> Float32:
     """(N,) float32 what hides the head, larger by ``SHADOW``: hair throws a shadow on the skin before it."""
-    reach = max(round(SHADOW * chart.width), 1)
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
-    image = cv2.dilate(chart.spread(hidden[:, None])[..., 0], kernel)
-    soft = blurred(image, reach / 2)
+    soft = blurred(_grown(chart, hidden, SHADOW), max(round(SHADOW * chart.width), 1) / 2)
     return np.maximum(soft.ravel()[chart.texels], hidden)
+
+
+def _grown(chart: Chart, values: Float32 | Bool, reach: float) -> Float32:
+    """(H, W) float32 the greatest of values (N,) within a reach, over the chart's width; a texel at least."""
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * max(round(reach * chart.width), 1) + 1,) * 2)
+    return np.asarray(cv2.dilate(chart.spread(values[:, None].astype(np.float32))[..., 0], disc), np.float32)
 
 
 def behind_glasses(chart: Chart, unwrapped: Unwrapped, parts: Float32, rims: Float32) -> Float32:
@@ -308,6 +311,8 @@ def behind_glasses(chart: Chart, unwrapped: Unwrapped, parts: Float32, rims: Flo
         parts: (N, 13) as :func:`parts_at` gives them.
         rims: (N,) in [0, 1], those that are thinner than the reader's cells.
     """
+    if not ((parts[:, GLASSES] > WORN[0]).any() or rims.any()):
+        return np.zeros(len(parts), np.float32)
     worn = smoothstep(parts[:, GLASSES] - parts[:, BROW], *WORN)
     own = np.maximum(smoothstep(parts[:, BROW], *BROWED), near_eyes(chart, parts).ravel()[chart.texels] * (1 - rims))
     hidden = widened(chart, np.maximum(worn, rims)) * (1 - own)
@@ -317,11 +322,9 @@ def behind_glasses(chart: Chart, unwrapped: Unwrapped, parts: Float32, rims: Flo
 def mirrored_by_lenses(chart: Chart, unwrapped: Unwrapped, parts: Float32) -> Float32:
     """(N,) float32 in [0, 1], 1 where lenses mirror the surroundings; arguments as above."""
     skin = (parts[:, SKIN] > SURE) & (unwrapped.weight > 0)
-    glasses = chart.spread((parts[:, GLASSES] > WORN[0])[:, None].astype(np.float32))[..., 0]
-    if not skin.any() or not glasses.any():
+    if not skin.any():
         return np.zeros(len(parts), np.float32)
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(LENS * chart.width) + 1,) * 2)
-    lens = np.asarray(cv2.dilate(glasses, disc), np.float32).ravel()[chart.texels] * (unwrapped.weight > 0)
+    lens = _grown(chart, parts[:, GLASSES] > WORN[0], LENS).ravel()[chart.texels] * (unwrapped.weight > 0)
     linear = np.maximum(srgb_to_linear(unwrapped.colour), np.float32(1e-3))
     bluer = np.log(np.maximum(linear[:, 2], linear[:, 1] * GREEN) / linear[:, 0])
     bright = linear @ LUMA
@@ -332,9 +335,8 @@ def mirrored_by_lenses(chart: Chart, unwrapped: Unwrapped, parts: Float32) -> Fl
 
 def near_eyes(chart: Chart, parts: Float32) -> Float32:
     """(H, W) float32 in [0, 1], 1 on the lids of eyes that the parts (N, 13) show, 0 elsewhere."""
-    eyes = chart.spread((parts[:, [IRIS, SCLERA]].sum(1) > LIDDED)[:, None].astype(np.float32))[..., 0]
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(LIDS * chart.width) + 1,) * 2)
-    return blurred(np.asarray(cv2.dilate(eyes, disc), np.float32), LIDS * chart.width / 4)
+    eyes = parts[:, [IRIS, SCLERA]].sum(1) > LIDDED
+    return blurred(_grown(chart, eyes, LIDS), LIDS * chart.width / 4)
 
 
 SURFACE = (SKIN, BROW, BEARD, LIP)
