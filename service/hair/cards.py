@@ -55,9 +55,10 @@ FIRST_ROW_M, MOST_UNEVEN = 0.02, 1.6
 """Length of the first quad, and the power by which rows lie closer at the root, at most."""
 ROWS = (3, 14)
 """Fewest and most quads of a ribbon."""
-FLAT, ROWS_A_TURN, MOST_WOUND = 0.7, 4, 24
-"""Flatness of a wave from which on it is in the texture of ribbons alone, as are tight coils; quads along one turn of
-other curls, and most of a ribbon that winds."""
+FLAT, TIGHT_MM, ROWS_A_TURN, MOST_WOUND = 0.7, 12.0, 4, 24
+"""Flatness of a wave from which on it is in the texture of ribbons alone, and pitch of coils up to which they are: few
+ribbons of whole locks would make spikes of an afro; quads along one turn of other curls, and most of a ribbon that
+winds."""
 WHOLE = 3.0
 """How much more bundles of curls differ by their locks than by their place in these."""
 TINTS = 8
@@ -135,7 +136,7 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0, name: 
     wanted = {kind: int(share * left) for kind, share in SHARES.items()}
     length = float(np.median(length_of(groom.strands)))
     wave = WAVES[groom.style.curl]
-    turns = 1000 * length / wave.pitch_mm if wave.flat < FLAT else 0.0
+    turns = 1000 * length / wave.pitch_mm if wave.flat < FLAT and wave.pitch_mm > TIGHT_MM else 0.0
     rows = _rows(length, len(groom), wanted["body"], turns)
     inner_rows = max(ROWS[0], rows // 2)
     at, inner_at, hair_at = (places(length, count) for count in (rows, inner_rows, min(rows, 6)))

@@ -7,6 +7,8 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from models.hair.random_styles import sample_style
@@ -89,6 +91,18 @@ def test_ribbons_of_curls_wind() -> None:
     within = (size[1:] < 0.03) & (size[:-1] < 0.03)
     cosine = (steps[1:] * steps[:-1]).sum(1)[within] / np.maximum(size[1:] * size[:-1], 1e-12)[within]
     assert np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))) > 40
+
+
+def test_ribbons_of_coils_are_as_many_as_of_straight_hair() -> None:
+    """An afro whose ribbons wound had fewer of them, each a whole lock: it stood in spikes."""
+    counts = []
+    for curl in ("4b", "1"):
+        groom = make_groom(dataclasses.replace(NAMED["afro"], curl=curl), 3, 2500)
+        cards = hair_parts(groom, mean_scalp(), SMALL)[0]
+        pairs = np.concatenate([cards.faces[:, [0, 1]], cards.faces[:, [1, 2]]])
+        joined = coo_array((np.ones(len(pairs)), pairs.T), (len(cards.vertices),) * 2)
+        counts.append(connected_components(joined, directed=False)[0])
+    assert counts[0] > 0.8 * counts[1]
 
 
 def test_alpha_holds_in_mip_levels(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
