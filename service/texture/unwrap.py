@@ -326,11 +326,15 @@ def mirrored_by_lenses(chart: Chart, unwrapped: Unwrapped, parts: Float32) -> Fl
         return np.zeros(len(parts), np.float32)
     lens = _grown(chart, parts[:, GLASSES] > WORN[0], LENS).ravel()[chart.texels] * (unwrapped.weight > 0)
     linear = np.maximum(srgb_to_linear(unwrapped.colour), np.float32(1e-3))
-    bluer = np.log(np.maximum(linear[:, 2], linear[:, 1] * GREEN) / linear[:, 0])
     bright = linear @ LUMA
-    usual, most = np.quantile(bluer[skin], (0.5, 0.98))  # in light of two colours some of the skin is bluer, too
-    mirrors = smoothstep(bluer - max(usual, most - MIRRORS[0]), *MIRRORS)
-    return widened(chart, lens * mirrors * smoothstep(bright / np.median(bright[skin]), *BRIGHT))
+
+    def beyond(measure: Float32) -> Float32:
+        usual, most = np.quantile(measure[skin], (0.5, 0.98))  # two lights of different colours, a sheen: still skin
+        return smoothstep(measure - max(usual, most - MIRRORS[0]), *MIRRORS)
+
+    bluer = beyond(np.log(np.maximum(linear[:, 2], linear[:, 1] * GREEN) / linear[:, 0]))
+    seen = bluer * smoothstep(bright / np.median(bright[skin]), *BRIGHT)
+    return widened(chart, lens * np.maximum(seen, beyond(np.log(bright))))
 
 
 def near_eyes(chart: Chart, parts: Float32) -> Float32:

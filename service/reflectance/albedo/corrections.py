@@ -29,6 +29,7 @@ from service.colour import LUMA, linear_to_srgb
 from service.corrections import SEEN_CHANGE, Correction, Ledger
 from service.image_filters import blurred
 from service.reflectance.albedo.albedo_prior import DARKEST, AlbedoPrior, albedo_prior, certainty
+from service.robust import smoothstep
 
 BORDER = 3
 """Width of the border over which lit skin fades out, texels of the context's chart, 1.5 mm each."""
@@ -323,21 +324,28 @@ UNSEEN_SKIN = LightCorrection(
 )
 
 
+INKY = (0.12, 0.06)
+"""Luminance of linear albedo below which what is blue is taken for hair in warm light; paler eye shadow may be blue."""
+
+
 def no_bluer(at: ChartLight) -> Float32:
-    """(3, h, w) log light under which beards and unseen skin are nowhere bluer than grey, as no hair and no skin is.
+    """(3, h, w) log light under which beards, unseen skin and what is dark are nowhere bluer than grey, as no hair and
+    no skin is.
 
     White hair shows the light's own colour. Where the skin's hue made the network tell a warmer light than that, or a
-    photo's colours were made stronger, white beards came out blue.
+    photo's colours were made stronger, white beards came out blue; and so did black brows in warm light, whose little
+    light is the lens's veil.
     """
     albedo = np.log(np.maximum(at.texture, np.float32(DARKEST))) - at.light
     bluer = np.maximum(albedo - albedo[:1], 0)
-    no_skin = np.clip(at.shown - at.weight + at.inpainted, 0, 1)
+    dark = at.inside * smoothstep(-np.tensordot(LUMA, np.exp(albedo), 1), -INKY[0], -INKY[1])
+    no_skin = np.clip(at.shown - at.weight + at.inpainted + dark, 0, 1)
     return np.asarray(at.light + no_skin * bluer, np.float32)
 
 
 GREY_HAIR = LightCorrection(
     name="grey-hair",
-    mends="White and grey beards come out blue where the skin tells a warmer light than there is.",
+    mends="White beards and black brows come out blue where the skin tells a warmer light than there is.",
     cases=("beard",),
     apply=no_bluer,
 )

@@ -83,7 +83,7 @@ def test_brows_and_lids_are_seen_through_glasses() -> None:
 
 
 def test_what_lenses_mirror_is_not_the_lids_own() -> None:
-    """Coatings mirror blue and green: it stayed on the lids as paint. Dark lashes, which are blue, too, are seen."""
+    """What lenses mirror, blue, green or white, stayed on the lids as paint. Dark lashes, blue as well, are seen."""
     unwrapped = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART)
     shown, place = unwrapped.weight > 0, unwrapped.position
     parts = np.zeros((len(shown), len(PARTS)), np.float32)
@@ -96,6 +96,7 @@ def test_what_lenses_mirror_is_not_the_lids_own() -> None:
         (TONE, False),
         ((0.35, 0.6, 0.75), True),
         ((0.3, 0.75, 0.5), True),
+        ((1.0, 1.0, 0.98), True),
         ((0.05, 0.06, 0.08), False),
     ):
         image = unwrapped.colour.copy()

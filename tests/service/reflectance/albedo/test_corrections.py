@@ -136,4 +136,8 @@ def test_white_beards_are_white_in_whatever_light_the_skin_tells() -> None:
     assert np.allclose(after[0], warm[0]), "only what is bluer than red changes"
     brown = ChartLight(DARK_LIGHT, DARK_LIGHT, seen((0.2, 0.1, 0.05)), 1 - beard, LIT, 0 * LIT, LIT)
     assert np.array_equal(no_bluer(brown), DARK_LIGHT)
+    # Brows of few photons were teal in warm light; eye shadow, which is paler, may be blue. Both are told as lit skin.
+    for colour, stays in ((0.01, False), (0.2, True)):
+        painted = ChartLight(DARK_LIGHT, DARK_LIGHT, seen((colour, colour, 1.6 * colour)), LIT, LIT, 0 * LIT, LIT)
+        assert np.allclose(no_bluer(painted), DARK_LIGHT) == stays
     assert np.isfinite(no_bluer(ChartLight(warm, warm, 0 * white, 0 * LIT, LIT, LIT, LIT))).all()
