@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.corrections.sitters import BLACK, DARK_BROWN, SHUT, SMILE, Sitter, Studio, cap, glasses
+from benchmarks.corrections.sitters import BLACK, DARK_BROWN, SHUT, SMILE, Sitter, Studio, cap, glasses, shirt
 from benchmarks.heads import TexturedHead
 from benchmarks.render import Exposure, Look, Shot, expose
 from service.colour import LUMA, linear_to_srgb
@@ -81,7 +81,7 @@ def encoded(pixels: npt.NDArray[np.uint8], camera: Lens) -> bytes:
 
 GROUPS = (
     "soft", "hard", "graded", "clipped", "warm", "overexposed", "underexposed", "beard", "brows", "oily", "smile",
-    "small", "no-eyes", "glasses", "cap",
+    "small", "no-eyes", "glasses", "cap", "shirt",
 )  # fmt: skip
 """What a photo may have; corrections name those on which they have to gain."""
 
@@ -90,13 +90,15 @@ SEEDS = (1, 7, 8, 10, 22, 27, 29, 39, 40)
 """Of ``benchmarks.render.environment``, whose skies are nearly white."""
 DIM = Lens(stops=-1.0)
 """Exposed for a scene, not for the dark face in it."""
+WHITE = Lens(stops=-2.6)
+"""Exposed for a white shirt beside a dark face."""
 WARM = (1.25, 0.80, 0.30)
 FILM = Lens(bend=(0.85, 1.0, 1.22), contrast=0.7)
 """Shades redder and yellower than lights."""
 TEAL = Lens(stops=-0.5, bend=(1.30, 1.0, 0.92), contrast=0.5)
 SMALL = Lens(size=224, noise=3.0, jpeg=45)
 OILY = Look(roughness=0.22, specular=0.9)
-SOFT, HARD = ("soft",), ("hard",)
+SOFT, HARD, SHIRT = ("soft",), ("hard",), ("shirt", "no-eyes")
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ class Sitting:
         yaw: degrees of the camera round the head.
         groups: what its photos have.
         look: how skin shines.
-        glasses, cap: whether they are worn.
+        glasses, cap, shirt: whether they are worn.
         camera: that takes the first photo.
     """
 
@@ -122,6 +124,7 @@ class Sitting:
     look: Look = Look()  # noqa: RUF009 - frozen
     glasses: bool = False
     cap: bool = False
+    shirt: bool = False
     camera: Lens = Lens()
 
     @property
@@ -131,8 +134,8 @@ class Sitting:
 
     def dressed(self, head: TexturedHead) -> Look:
         """Skin, and what is worn on this head."""
-        things = (glasses(head) if self.glasses else ()) + (cap(head) if self.cap else ())
-        return replace(self.look, worn=things)
+        wardrobe = (self.glasses, glasses), (self.cap, cap), (self.shirt, shirt)
+        return replace(self.look, worn=tuple(thing for worn, make in wardrobe if worn for thing in make(head)))
 
 
 SITTINGS = (
@@ -155,6 +158,8 @@ SITTINGS = (
     Sitting("smile_left", Sitter(118, "ffhq", expression=SMILE), "left", 0, (*HARD, "smile")),
     Sitting("shut_overhead", Sitter(120, "hifi3d 1", expression=SHUT), "overhead", 4, (*HARD, "no-eyes")),
     Sitting("glasses_soft", Sitter(121, "hifi3d 2"), "soft", -6, (*SOFT, "glasses"), glasses=True),
+    Sitting("shirt_soft", Sitter(105, dark=True, expression=SHUT), "soft", -10, SHIRT, camera=WHITE, shirt=True),
+    Sitting("shirt_left", Sitter(124, "hifi3d 3", expression=SHUT), "left", 6, SHIRT, camera=DIM, shirt=True),
     Sitting("cap_overhead", Sitter(123, "hifi3d 3"), "overhead", 8, (*HARD, "cap"), cap=True),
 )
 

@@ -176,6 +176,20 @@ def cap(head: TexturedHead) -> tuple[Worn, ...]:
     return shell, brim
 
 
+WHITE = (0.82, 0.82, 0.82)
+SHIRT_M, COLLAR_M = 0.008, -0.13
+"""How far the shirt stands off the body, and the height of its collar over the eyes."""
+
+
+def shirt(head: TexturedHead) -> tuple[Worn, ...]:
+    """The head's own neck and shoulders, moved outwards, below a collar: a white shirt."""
+    below = head.vertices[:, 1] < COLLAR_M - 0.5 * (head.vertices[:, 2] + 0.02)
+    triangles = head.triangles[below[head.triangles].all(1)]
+    used, own = np.unique(triangles, return_inverse=True)
+    normals = vertex_normals(head.vertices, head.triangles)
+    return (Worn((head.vertices + SHIRT_M * normals)[used], own.reshape(-1, 3), WHITE, 0.9),)
+
+
 SkinName = Literal["ffhq", "hifi3d 1", "hifi3d 2", "hifi3d 3"]
 HIFI3D: Mapping[str, str] = {"hifi3d 1": "albedo.png", "hifi3d 2": "albedo_1.png", "hifi3d 3": "albedo_2.png"}
 DARK_TONE = 113

@@ -221,7 +221,7 @@ def _by_networks(
             ledger = Ledger(without)
             enlarged = "super_resolution" in plan.stages
             told_of = own.onto(full) if own is not None and enlarged else None
-            delit = diffuse_albedo(full, job(told), ledger, subject.photos)
+            delit = diffuse_albedo(full, job(told), ledger, subject.photos, subject.cloth)
             plain = delit.albedo
             unsure = None if delit.error is None else error_map(delit.error, skin, min(size, TEXTURE_SIZE))
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None

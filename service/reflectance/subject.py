@@ -109,6 +109,7 @@ class Subject:
         creases: where the photo's expression folds the skin; None: nowhere.
         photos: what each of several photos shows; empty for one.
         wrinkles: factor on the depth of the face's lines.
+        cloth: linear luminance of the brightest cloth in the photo; 0: none is seen.
     """
 
     head: HeadModel
@@ -123,6 +124,7 @@ class Subject:
     creases: Creases | None = None
     photos: tuple[PhotoTexture, ...] = ()
     wrinkles: float = 1.0
+    cloth: float = 0.0
 
     @classmethod
     def of(
@@ -157,6 +159,7 @@ class Subject:
             inpainted=inpainted,
             parts=texture.parts,
             photos=texture.photos,
+            cloth=texture.cloth,
         )
 
     @property

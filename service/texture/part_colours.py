@@ -10,13 +10,15 @@ from service.anatomy.eyes import BRIGHTEST, SOCKET, lid_shade, on_eyeball, paint
 from service.anatomy.mouth import Teeth, no_bluer, paint_lining, paint_tongue
 from service.anatomy.wearables import LASH
 from service.arrays import Bool, Float32, Int64
-from service.colour import linear_to_srgb, luma, srgb_to_linear
+from service.colour import bytes_to_linear, linear_to_srgb, luma, srgb_to_linear
 from service.face.features.eye_colours import IRIS, SCLERA, iris_without_light
 from service.face.features.mouth import TOOTH
 from service.face.fit.fit import Fit
 from service.face.reading import part_labels as labels
+from service.face.reading.reader import Reading
 from service.geometry.chart import Chart, nearest_inside
 from service.map_registry import SEEN
+from service.photo.photo import Photo
 from service.texture.inpainting import opacity
 from service.texture.unwrap import Unwrapped, Zones
 
@@ -69,6 +71,19 @@ class LightOnParts:
         :meth:`on`.
         """
         return linear_to_srgb(np.minimum(srgb_to_linear(colour) / self.white, np.float32(BRIGHTEST)))
+
+
+CLOTHED, LEAST_CLOTH, BRIGHT_CLOTH = 0.9, 20, 0.9
+"""Probability from which on a cell of a reading is cloth; fewest cells that count; quantile of their luminance."""
+
+
+def brightest_cloth(photo: Photo, reading: Reading) -> float:
+    """Linear luminance in [0, 1] of the brightest tenth of what the person wears but hats; 0 where none is seen."""
+    cloth = reading.parts[..., labels.CLOTH] > CLOTHED
+    if cloth.sum() < LEAST_CLOTH:
+        return 0.0
+    shown = reading.region.cut(photo.pixels, len(cloth))[cloth]
+    return float(np.quantile(luma(bytes_to_linear(shown)), BRIGHT_CLOTH))
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from service.robust import smoothstep
 from service.texture.blending import Blend, Layer, blend
 from service.texture.finer_cover import finer_cover, in_the_dark
 from service.texture.inpainting import Completed, complete_skin
-from service.texture.part_colours import Parts, paint_parts
+from service.texture.part_colours import Parts, brightest_cloth, paint_parts
 from service.texture.unwrap import (
     Unwrapped,
     Zones,
@@ -55,6 +55,7 @@ class PhotoTexture:
         share: (H, W) uint8, 255 where the texture is this photo's alone.
         gain: (H, W, 3) float32, natural logarithm of linear RGB: of the texture's light over this photo's.
         white: (3,) linear RGB, ``Fit.eye_light`` of this photo; None: it does not tell.
+        cloth: linear luminance of the brightest cloth in it; 0: none is seen.
     """
 
     texture: UInt8
@@ -63,6 +64,7 @@ class PhotoTexture:
     share: UInt8
     gain: Float32
     white: Float64 | None = None
+    cloth: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ class Texture:
         iris, tooth: (3,) float32 linear RGB >= 0, albedo of irises and teeth; None for an external texture.
         roots: (H, W) uint8, 255 = 1: opacity of the shadow of hair roots; None: the hair stays on the skin.
         photos: what each of several photos shows, in the order of their fits; empty for one photo.
+        cloth: linear luminance of the brightest cloth in the first photo; 0: none is seen.
     """
 
     texture: UInt8
@@ -102,6 +105,7 @@ class Texture:
     roots: UInt8 | None = None
     photos: tuple[PhotoTexture, ...] = ()
     bright: UInt8 | None = None
+    cloth: float = 0.0
 
     @property
     def legible(self) -> UInt8:
@@ -206,6 +210,7 @@ class Shown:
         parts: (N, 13) float32 probabilities.
         strands, glasses, black: (N,) float32 in [0, 1], how far strands, glasses and blackness hide the head.
         dark: (N,) float32 in [0, 1], how far darkness hides its colour.
+        cloth: linear luminance of the brightest cloth; 0: none is seen.
     """
 
     unwrapped: Unwrapped
@@ -214,6 +219,7 @@ class Shown:
     glasses: Float32
     black: Float32
     dark: Float32
+    cloth: float = 0.0
 
     @classmethod
     def of(cls, chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None) -> Shown:
@@ -227,7 +233,8 @@ class Shown:
         dark, black = in_the_dark(*read)
         black = np.maximum(black, dark * (1 - zones.face))  # what is dark beside the face may be a collar
         strands, rims = finer_cover(*read)
-        return cls(unwrapped, parts, strands, behind_glasses(chart, unwrapped, parts, rims), black, dark)
+        hidden = strands, behind_glasses(chart, unwrapped, parts, rims), black, dark
+        return cls(unwrapped, parts, *hidden, brightest_cloth(photo, reading))
 
 
 @dataclass(frozen=True)
@@ -314,7 +321,8 @@ def make_texture(
     return Texture(
         to_bytes(texture), code, shown, known.normals, chart.mask, fraction, warnings,
         to_bytes(parts.albedo), parts.iris, parts.tooth, roots,
-        _per_photo(chart, layers, mixed, parts.colour, [one for _, one, _ in views]) if others else (), bright,
+        _per_photo(chart, known, layers, mixed, parts.colour, [one for _, one, _ in views]) if others else (), bright,
+        known.sights[0].cloth,
     )  # fmt: skip
 
 
@@ -335,12 +343,12 @@ def _layer(chart: Chart, zones: Zones, shown: Shown, *, bald: bool, telling: boo
 
 
 def _per_photo(
-    chart: Chart, layers: Sequence[Layer], mixed: Blend, colour: Float32, fits: Sequence[Fit]
+    chart: Chart, known: Unwrappings, layers: Sequence[Layer], mixed: Blend, colour: Float32, fits: Sequence[Fit]
 ) -> tuple[PhotoTexture, ...]:
     """What each of several photos shows, what it does not shown as by the others in its light."""
     linear = srgb_to_linear(np.clip(colour, 0, 1))
     found = []
-    for layer, share, gain, fit in zip(layers, mixed.shares, mixed.gains, fits, strict=True):
+    for sight, layer, share, gain, fit in zip(known.sights, layers, mixed.shares, mixed.gains, fits, strict=True):
         seen = (layer.found.seen * (layer.unwrapped.weight > 0))[:, None]
         elsewhere = linear_to_srgb(np.clip(linear * np.exp(-gain), 0, 1))
         own = elsewhere + seen * (layer.unwrapped.colour - elsewhere)
@@ -348,7 +356,7 @@ def _per_photo(
         image = to_bytes(np.clip(chart.fill_outside(chart.spread(planes)), 0, 1))
         field = chart.fill_outside(chart.spread(gain))
         lit, shown, part = np.moveaxis(image[..., 3:], 2, 0).copy()
-        found.append(PhotoTexture(image[..., :3].copy(), lit, shown, part, field, fit.eye_light))
+        found.append(PhotoTexture(image[..., :3].copy(), lit, shown, part, field, fit.eye_light, sight.cloth))
     return tuple(found)
 
 

@@ -49,6 +49,7 @@ class ChartLight:
         inside: (h, w) in [0, 1], islands of the chart.
         inpainted: (h, w) in [0, 1], skin that no photo showed.
         shown: (h, w) in [0, 1], at least :attr:`weight`: what of the head's own surface the photo shows, beards too.
+        cloth: linear luminance of the brightest cloth in the photo; 0: none is seen.
     """
 
     light: Float32
@@ -58,6 +59,7 @@ class ChartLight:
     inside: Float32
     inpainted: Float32
     shown: Float32
+    cloth: float = 0.0
 
     @property
     def weight(self) -> Float32:
@@ -159,6 +161,37 @@ SKIN_HUE = LightCorrection(
     mends="Warm light or a saturated photo leaves skin redder or yellower than skin is.",
     cases=("warm", "graded"),
     apply=lambda at: within_skin(at.light, at.texture, at.weight),
+)
+
+
+WHITEST, BRIGHTLY = 0.9, 0.9
+"""Albedo of the whitest cloth. Quantile of the light on lit skin that counts as the light on cloth: it hangs upright,
+as the brighter side of the face does."""
+
+
+def no_whiter_cloth(light: Float32, lit: Float32, cloth: float) -> Float32:
+    """(3, h, w) log light under which no cloth is whiter than white.
+
+    A photo's exposure is unknown, so dark skin in usual light looks like fair skin in dim light. A white shirt tells
+    them apart: the light is at least as bright as it. Of other cloth nothing follows.
+
+    Args:
+        light: (3, h, w) log light that was found.
+        lit: (h, w) in [0, 1], where it is to be believed.
+        cloth: linear luminance of the brightest cloth.
+    """
+    chosen = light[:, lit > 0.5]
+    if chosen.shape[1] < FEW or cloth <= 0:
+        return light
+    bright = float(np.quantile(LUMA @ np.exp(np.clip(chosen, -6, 6)), BRIGHTLY))
+    return np.asarray(light + np.float32(max(np.log(cloth / (WHITEST * bright)), 0.0)), np.float32)
+
+
+WHITE_CLOTH = LightCorrection(
+    name="white-cloth",
+    mends="Dark skin is taken for fair skin in dim light, beside a shirt that would be whiter than white in it.",
+    cases=("shirt",),
+    apply=lambda at: no_whiter_cloth(at.light, at.weight, at.cloth),
 )
 
 

@@ -29,6 +29,7 @@ from service.reflectance.albedo.corrections import (
     LIGHT_CONTRAST,
     SKIN_HUE,
     UNSEEN_SKIN,
+    WHITE_CLOTH,
     ChartLight,
     LightCorrection,
     beside_lit,
@@ -45,7 +46,7 @@ from service.runtime.networks import Network, describe_network, open_network
 from service.runtime.tiles import run_whole
 from service.texture.texture import PhotoTexture
 
-ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST, UNLIKE_SKIN)
+ON_LIT_SKIN: tuple[LightCorrection, ...] = (WHITE_CLOTH, SKIN_HUE, LIGHT_CONTRAST, UNLIKE_SKIN)
 """Corrections of the light where the photo shows skin in it, in order."""
 
 EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN, GREY_HAIR)
@@ -93,7 +94,11 @@ def light_between_lids(light: Float32, lit: Float32) -> Float32:
 
 
 def found_by(
-    network: Network, planes: Planes, ledger: Ledger | None = None, photos: Sequence[PhotoTexture] = ()
+    network: Network,
+    planes: Planes,
+    ledger: Ledger | None = None,
+    photos: Sequence[PhotoTexture] = (),
+    cloth: float = 0.0,
 ) -> Found:
     """Ask the context network about the planes of a whole chart.
 
@@ -102,12 +107,12 @@ def found_by(
     """
     ledger = ledger or Ledger()
     start, lids, white_seen = asked(network, planes)
-    on_skin = corrected(start, ON_LIT_SKIN, ledger)
+    on_skin = corrected(replace(start, cloth=cloth), ON_LIT_SKIN, ledger)
     if photos:
 
         def delit(photo: PhotoTexture) -> tuple[ChartLight, Float32]:
             own, _, white = asked(network, photo_planes(planes, photo))
-            told = corrected(own, ON_LIT_SKIN, Ledger(ledger.without))
+            told = corrected(replace(own, cloth=photo.cloth), ON_LIT_SKIN, Ledger(ledger.without))
             return told, error_model().stated(clues(told.light, own.texture, own.weight, lids, None, white))
 
         on_skin = agreed_light(on_skin, photos, delit)
@@ -186,7 +191,11 @@ def without(light: Float32, coded: Float32) -> Float32:
 
 
 def diffuse_albedo(
-    texture: Codes, job: MapInputs, ledger: Ledger | None = None, photos: Sequence[PhotoTexture] = ()
+    texture: Codes,
+    job: MapInputs,
+    ledger: Ledger | None = None,
+    photos: Sequence[PhotoTexture] = (),
+    cloth: float = 0.0,
 ) -> Delit:
     """The albedo of a texture (H, W, 3), which is among the job's planes as ``texture_*``.
 
@@ -198,6 +207,7 @@ def diffuse_albedo(
         job: what the network is given.
         ledger: which corrections run; it counts what they change.
         photos: what each of several photos shows.
+        cloth: linear luminance of the brightest cloth in the photo; 0: none is seen.
 
     Raises:
         ModelFault: a network is missing, changed, or does not fit.
@@ -206,7 +216,7 @@ def diffuse_albedo(
     found: Found | None = None
     if not set(CONTEXT).isdisjoint(describe_network(NETWORK, job.engine.folder).channels):
         with open_network(LIGHT_NETWORK, job.engine) as network:
-            found = found_by(network, job.planes, ledger, photos)
+            found = found_by(network, job.planes, ledger, photos, cloth)
             job.planes.add_coarse(network.description.planes(len(found.light)), found.light)
     result = np.zeros_like(texture)
     parts = job.planes.read(PARTS) if set(PARTS) <= set(job.planes.channels) else None

@@ -30,6 +30,7 @@ from service.face.region import Region
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.map_registry import SEEN
+from service.texture.part_colours import brightest_cloth
 from service.texture.texture import Texture, make_texture
 from service.texture.unwrap import Zones, behind_glasses, covered, mirrored_by_lenses, parts_at, segment, unwrap
 from tests.service.texture.scenes import SKIN as TONE
@@ -104,6 +105,19 @@ def test_what_lenses_mirror_is_not_the_lids_own() -> None:
         found = mirrored_by_lenses(CHART, dataclasses.replace(unwrapped, colour=image), parts)
         assert found[lid].min() > 0.9 if hides else found[lid].max() < 0.1
         assert found[chin].max() < 0.1, "far from glasses nothing is mirrored"
+
+
+def test_the_brightest_tenth_of_a_shirt_tells_the_light() -> None:
+    """A blown button is no shirt, and a few cells of cloth are none, either."""
+    photo = photograph(HEAD, CAMERA, plain(TONE))
+    pixels = np.full_like(photo.pixels, 188)
+    pixels[:8, :8] = 255
+    worn, shown = reading(CLOTH), dataclasses.replace(photo, pixels=pixels)
+    assert brightest_cloth(shown, worn) == pytest.approx(0.503, abs=0.01)
+    scraps = worn.parts.copy()
+    scraps[4:, :, CLOTH] = 0
+    scraps[:, 4:, CLOTH] = 0
+    assert brightest_cloth(shown, dataclasses.replace(worn, parts=scraps)) == 0
 
 
 def test_hair_on_the_scalp_is_the_head_s_own() -> None:

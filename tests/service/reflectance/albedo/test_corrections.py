@@ -18,6 +18,7 @@ from service.reflectance.albedo.corrections import (
     evenness,
     less_contrast,
     no_bluer,
+    no_whiter_cloth,
     within_skin,
 )
 from service.reflectance.albedo.diffuse_albedo import NAMES
@@ -121,6 +122,17 @@ def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:
     assert as_seen_skin(light, texture, light, 0 * lit, 1 - lit, 0 * lit) is light
     assert as_seen_skin(light, texture, light, lit, 0 * lit, lit) is light
     assert np.isfinite(as_seen_skin(light, 0 * texture, light, lit, 1 - lit, lit)).all()
+
+
+def test_no_shirt_is_whiter_than_white() -> None:
+    """Dark skin was fair in light in which the shirt beside it would mirror more than falls on it."""
+    lit = np.ones((12, 16), np.float32)
+    bright = no_whiter_cloth(DARK_LIGHT, lit, cloth=0.81)
+    assert np.allclose(np.exp(bright), 0.9), "as bright as a shirt of 0.81 needs"
+    for cloth, where in ((0.0, lit), (0.3, lit), (1.0, 0 * lit)):
+        told = no_whiter_cloth(DARK_LIGHT, where, cloth)
+        assert np.array_equal(told, DARK_LIGHT), "no cloth, grey cloth, or no skin tell nothing"
+    assert np.isfinite(no_whiter_cloth(0 * DARK_LIGHT - 50, lit, 1.0)).all(), "in no light the share would be 1 / 0"
 
 
 def test_white_beards_are_white_in_whatever_light_the_skin_tells() -> None:
