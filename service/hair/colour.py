@@ -163,13 +163,19 @@ def absorption_of(colour: AnyFloat) -> Float32:
     return np.asarray(np.square(logs / WIDTH), np.float32)
 
 
+def in_the_dark(bright: float) -> float:
+    """By how much more than ``DYED`` hair of a luminance is off melanin's colours where it is dyed."""
+    return DYED_DARK * float(np.exp(-bright / DARK))
+
+
 def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, redder: bool = False, shine: float = 0.0) -> HairColour:
     """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains.
 
     Args:
         colours: of the strands.
         dyed_from: how far from melanin's colours hair is dyed, as ``DYED``; 0 for grey hair, in which white hairs and
-            others together have a colour that no hair has alone; infinite where all of it is melanin.
+            others together have a colour that no hair has alone; infinite where all of it is melanin, and minus
+            infinity where the colour is kept whatever it is.
         redder: whether warm hair may be redder than melanin all the same, as copper is: the colours of real red hair
             lie beyond those that pheomelanin has here.
         shine: what they mirror, see :class:`HairColour`.
@@ -185,7 +191,7 @@ def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, redder: bool = Fa
         nearest, shown = reflected(amount @ PIGMENTS), reflected(usual)
         left = np.log((nearest + SHINE) / (shown + SHINE))
         bright = float(luma(shown))
-        far = float(left.max() - left.min()) > dyed_from + DYED_DARK * np.exp(-bright / DARK)
+        far = float(left.max() - left.min()) > dyed_from + in_the_dark(bright)
         copper = redder and is_warm(shown) and left[1] - left[0] > COPPER
         if copper and not far:  # no less yellow than melanin: that would be the sky
             usual[2] = max(usual[2], float((amount @ PIGMENTS)[2]))

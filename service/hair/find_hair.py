@@ -271,7 +271,7 @@ def painted(
         shown = np.minimum.accumulate(shown, -1)
     usual = np.median(shown.reshape(-1, 3), 0)
     shine = float(np.clip(mirrored(usual), SHINE, max(SHINE, MOST_SHINE * float(usual.min()))))
-    return as_absorbed(shown, redder=True, shine=shine)
+    return as_absorbed(shown, dyed_from=-np.inf, shine=shine)  # what is pigment in it is told without its light
 
 
 def _without_skin(usual: Float32, strands: Float32, skin: Float32, guess: Float32) -> Float32:

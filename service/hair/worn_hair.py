@@ -12,7 +12,7 @@ from service.colour import bytes_to_linear, linear_to_srgb, luma
 from service.face.fit.fit import Fit
 from service.geometry.mesh import unit
 from service.hair.cards import BUDGETS, HAIR, hair_parts
-from service.hair.colour import DYED, KNOTS, NEUTRAL, as_absorbed, is_warm
+from service.hair.colour import DYED, KNOTS, NEUTRAL, as_absorbed, in_the_dark, is_warm
 from service.hair.groom import Groom
 from service.hair.scalp import CENTRE, Scalp
 from service.levels import QualityName
@@ -117,13 +117,13 @@ def groom_in_albedo(
     if brown:  # nor is a strand that the light blew out
         own = np.minimum.accumulate(own, -1)
     grey = greyed(np.median(own.reshape(-1, 3), 0))
-    redder = not grey and bool(groom.colour.dye.any())  # than melanin, as the photo shows it so
     if grey or brown:
         doubt = grey_doubt(light) if grey else HUE_DOUBT
-        own = (1 - doubt) * own + doubt * as_absorbed(own, dyed_from=np.inf, redder=redder).linear(KNOTS)
+        own = (1 - doubt) * own + doubt * as_absorbed(own, dyed_from=np.inf, redder=not grey).linear(KNOTS)
         unlit_colour = as_absorbed(own, dyed_from=0.0)
     else:
-        unlit_colour = as_absorbed(own, dyed_from=DYED, redder=redder)
+        # What is black in the photo is not dyed, however little light it is told to have had.
+        unlit_colour = as_absorbed(own, dyed_from=DYED + in_the_dark(float(luma(usual))), redder=True)
     made = replace(unlit_colour, measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.
