@@ -30,7 +30,16 @@ from service.ahead import FaceNetworks
 from service.anatomy.eyes import eye_parts
 from service.anatomy.items import read_insets, read_items
 from service.anatomy.mouth import mouth_parts
-from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo, to_albedo, worn
+from service.anatomy.wearables import (
+    BROWS,
+    find_brows,
+    hides_brows,
+    in_albedo,
+    made_up_brows,
+    small_albedo,
+    to_albedo,
+    worn,
+)
 from service.archive.avatar import Avatar, Drawn, Shapes, Source, model_cards
 from service.archive.pack import draw, draw_shapes
 from service.budget import within_budget
@@ -164,6 +173,8 @@ def make_avatar(
             given = photo, fit, chart, reading, bald, gathered.others
             texture = kept("texture", make_texture, *given, known.result())
             del known  # its memory
+            if brows is None and hides_brows(chart, texture.confidence):
+                brows = made_up_brows(hair.result().root_colour)
             if options.eye_colour != "auto":
                 texture = replace(texture, iris=NAMED_IRISES[options.eye_colour])
         step = options.level.part_texture_step

@@ -12,13 +12,14 @@ from typing import Any
 import cv2
 import numpy as np
 
+from service.anatomy.canvas import brow_plane
 from service.anatomy.items import Item, Items, fits, following, read_items
 from service.arrays import Bool, Float32, Float64, Int64, UInt8, UInt16
 from service.colour import bytes_to_linear, linear_to_srgb
 from service.face.fit.fit import Fit
 from service.face.reading.part_labels import BROW
 from service.face.reading.reader import PART_CELLS, Reading
-from service.geometry.chart import nearest_inside
+from service.geometry.chart import Chart, nearest_inside
 from service.geometry.mesh import area_normals, laplacian, smooth_fit
 from service.geometry.nearest import Nearest
 from service.geometry.raster import fragments, interpolate, rasterise
@@ -76,6 +77,27 @@ def find_brows(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None)
     moved = fit.vertices - items.fitted_head
     overlaps = [(_overlap(shown > 0.5, items.items[name], moved, fit, reading), name) for name in items.names("brow")]
     return Brows(max(overlaps)[1], np.asarray(np.median(dark, 0), np.float32))
+
+
+UNSEEN, USUAL_BROW = 0.8, "brow/eyebrow012"
+"""Share of both brows with more of which hidden they are made up, and their shape."""
+DARKER = 0.5
+"""Linear colour of brows over that of the hair of the head."""
+
+
+def hides_brows(chart: Chart, confidence: UInt8) -> bool:
+    """Whether a photo shows next to nothing of both brows: the completed skin has none of their hairs.
+
+    ``confidence`` (H, W) is that of the texture on the chart, 0 where nothing is seen. False for a head that brows were
+    not made for.
+    """
+    place = brow_plane(chart)
+    return fits(read_items(), chart.head) and bool(place[confidence == 0].sum() > UNSEEN * place.sum())
+
+
+def made_up_brows(hair: Float32) -> Brows:
+    """The usual brows beside hair of a linear RGB (3,) in the photo's light."""
+    return Brows(USUAL_BROW, np.asarray(DARKER * hair, np.float32))
 
 
 def _overlap(shown: Bool, item: Item, moved: Float32, fit: Fit, reading: Reading) -> float:

@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from service.anatomy.canvas import brow_plane
 from service.anatomy.items import read_items
-from service.anatomy.wearables import bust_part, seam, to_albedo
+from service.anatomy.wearables import bust_part, hides_brows, made_up_brows, seam, to_albedo
 from service.arrays import Float32
 from service.colour import linear_to_srgb
 from service.errors import ModelFault
+from service.geometry.chart import Chart
 from service.geometry.mesh import area_normals
 from service.head.files import load_head
 from tests.service.archive.toys import toy_avatar
@@ -72,6 +74,19 @@ def test_the_bust_leaves_the_neck_in_its_tangent_planes() -> None:
     # Far from the seam the shoulders are the base mesh's, less its corners.
     far = np.flatnonzero(np.abs(plain[:, 0]) > 0.15)
     assert np.linalg.norm(bust.neutral[far] - plain[far], axis=1).max() < 0.008
+
+
+def test_brows_are_made_up_where_both_are_hidden_and_only_there() -> None:
+    """Behind shades the completed skin had a blurred stain for brows; who shows one brow has it mirrored."""
+    chart = Chart.build(HEAD, 288, 192)
+    seen = np.full((192, 288), 255, np.uint8)
+    shades, one = seen.copy(), seen.copy()
+    shades[brow_plane(chart) > 0] = 0
+    one[:, :144][brow_plane(chart)[:, :144] > 0] = 0
+    assert hides_brows(chart, shades) and not hides_brows(chart, one) and not hides_brows(chart, seen)
+    hair = np.array([0.2, 0.1, 0.05], np.float32)
+    brows = made_up_brows(hair)
+    assert brows.shape in ITEMS.names("brow") and (brows.colour < hair).all()
 
 
 def test_the_photos_light_is_the_ratio_on_lit_skin() -> None:
