@@ -30,7 +30,7 @@ def blurred(image: Image, sigma: float) -> Float32:
     """
     step = 2 ** int(np.log2(max(sigma / (WIDE / 2), 1)))
     reach, (height, width) = -(-int(4 * sigma) // step) * step, image.shape[:2]
-    if step == 1 or min(height, width) <= reach:
+    if step == 1:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)
     sides = (reach, reach - height % -step, reach, reach - width % -step)
     padded = cv2.copyMakeBorder(image, *sides, cv2.BORDER_REFLECT_101)

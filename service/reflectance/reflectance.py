@@ -260,7 +260,7 @@ def _by_networks(
         if subject.creases is None:
             return bent, ()
         fold = folds_in(bent, subject.creases)
-        return unfolded(bent, fold), wrinkles_of(fold, subject.creases, bent.shape)
+        return unfolded(bent, fold), wrinkles_of(fold, subject.creases)
 
     def form(told: Callable[[float], None]) -> npt.NDArray[np.int16]:
         bent = tangent_normals("diffuse_normal", job(told))

@@ -241,6 +241,8 @@ def _opaque(
 
     A sample at an edge has several points. ``steep`` is the difference of depth, over depth, that makes an edge.
     """
+    import cv2
+
     starts = np.cumsum([0, *(len(vertices) for vertices, _, _ in meshes)])
     flat, depth = projected(np.concatenate([vertices for vertices, _, _ in meshes]))
     moved = [triangles + np.int32(start) for (_, triangles, _), start in zip(meshes, starts, strict=False)]
@@ -255,11 +257,8 @@ def _opaque(
     mesh = np.append(names[seen.kept], len(meshes)).astype(np.uint8)[seen.owner]
 
     def spread(image: UInt8 | Float32) -> list[UInt8 | Float32]:
-        made = []
-        for reduce in (np.minimum.reduce, np.maximum.reduce):
-            rows = reduce([image[step::pieces] for step in range(pieces)])
-            made.append(reduce([rows[:, step::pieces] for step in range(pieces)]).ravel())
-        return made
+        square, middles = np.ones((pieces, pieces), np.uint8), slice(pieces // 2, None, pieces)
+        return [np.asarray(way(image, square)[middles, middles]).ravel() for way in (cv2.erode, cv2.dilate)]
 
     (first, last), (near, far) = spread(mesh), spread(seen.away)
     edge = (first != last) | (far - near > np.float32(steep) * near)

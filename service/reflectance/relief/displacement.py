@@ -35,7 +35,7 @@ MOST_MM = 1.0
 LENGTH_SLACK = 0.2
 """Largest difference from 1 of the length of a usable normal."""
 
-_COARSE_WIDTH = 768
+_COARSE_WIDTH = 384
 """Width of the map on which coarse shape is computed, texels."""
 
 _RIDGE = 1e-3

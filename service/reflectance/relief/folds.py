@@ -195,17 +195,17 @@ def _foldable(chart: Chart) -> Float32:
 
 
 WIDTH = 1536
-"""Of the maps on which folds are found, texels: 3.75 to a mm of the face. Wrinkle maps are as large, but have no more
-than half the sides of the other maps."""
+"""Most texels of a line of the maps on which folds are found and of wrinkle maps, 3.75 to a mm of the face; no more than
+half of those of other maps."""
 
 FINEST, COARSEST = 1.0, 20.0
-"""Standard deviations in those texels, 0.25 mm and 5 mm, of the Gaussians between which relief is a fold's."""
+"""Standard deviations in texels of ``WIDTH``, 0.25 mm and 5 mm, of the Gaussians between which relief is a fold's."""
 
 LINE = (0.15, 0.45)
 """Coherence of the structure tensor, from none to all of which relief is a line: pores and moles have no direction."""
 
 AROUND = 4.0
-"""Standard deviation in texels, 1 mm, of the Gaussian of the structure tensor."""
+"""Standard deviation in texels of ``WIDTH``, 1 mm, of the Gaussian of the structure tensor."""
 
 LEAST_SLOPE = 1e-3
 """A wrinkle map that is nowhere steeper is none."""
@@ -223,15 +223,15 @@ def folds_in(codes: npt.NDArray[np.int16], creases: Creases) -> Float32:
     return np.moveaxis(np.stack([share * x, share * y]), 0, -1)
 
 
-def wrinkles_of(fold: Float32, creases: Creases, shape: tuple[int, ...]) -> tuple[Wrinkle, ...]:
-    """The folds of :func:`folds_in` of each group of units as normals of their own, for maps of a shape (H, W, ...)."""
+def wrinkles_of(fold: Float32, creases: Creases) -> tuple[Wrinkle, ...]:
+    """The folds of :func:`folds_in` of each group of units as normals of their own."""
     group = cv2.resize(creases.group, fold.shape[1::-1], interpolation=cv2.INTER_NEAREST)
-    size, wrinkles = _small((shape[0] // 2, shape[1] // 2)), []
+    wrinkles = []
     for name, units in creases.units.items():
         here = group == list(GROUPS).index(name)
         own = [np.where(here, slope, np.float32(0)) for slope in np.moveaxis(fold, 2, 0)]
         if max(float(np.abs(slope).max()) for slope in own) > LEAST_SLOPE:
-            wrinkles.append(Wrinkle(name, units, _codes(shrunk(np.dstack(own), size))))
+            wrinkles.append(Wrinkle(name, units, _codes(np.dstack(own))))
     return tuple(wrinkles)
 
 
@@ -286,7 +286,7 @@ def unfolded_albedo(albedo: UInt16, creases: Creases) -> UInt16:
 
 def _small(shape: tuple[int, ...]) -> tuple[int, int]:
     """(width, height) of the maps on which folds are found."""
-    width = min(shape[1], WIDTH)
+    width = min(max(shape[1] // 2, 1), WIDTH)
     return width, max(width * shape[0] // shape[1], 1)
 
 
@@ -297,7 +297,8 @@ def _lines(x: Float32, y: Float32, there: Int64) -> tuple[Float32, Float32]:
     The direction of lines is that of the larger eigenvector of the structure tensor, their coherence the difference of
     its eigenvalues over their sum (Bigun and Granlund 1987).
     """
-    xx, yy, xy = (blurred(one, AROUND).ravel()[there] for one in (x * x, y * y, x * y))
+    wide = AROUND * x.shape[1] / WIDTH
+    xx, yy, xy = (blurred(one, wide).ravel()[there] for one in (x * x, y * y, x * y))
     coherence = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, 1e-12)
     line = np.clip((coherence - LINE[0]) / (LINE[1] - LINE[0]), 0, 1)
     return np.asarray(line, np.float32), np.asarray(np.arctan2(2 * xy, xx - yy) / 2, np.float32)
@@ -321,8 +322,8 @@ def _share(creases: Creases, x: Float32, y: Float32) -> Float32:
 
 
 def _band(plane: Float32) -> Float32:
-    plane = np.asarray(plane, np.float32)
-    return blurred(plane, FINEST) - blurred(plane, COARSEST)
+    plane, texels = np.asarray(plane, np.float32), plane.shape[1] / WIDTH
+    return blurred(plane, FINEST * texels) - blurred(plane, COARSEST * texels)
 
 
 def _codes(slopes: Float32) -> npt.NDArray[np.int16]:

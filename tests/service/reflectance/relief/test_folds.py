@@ -86,7 +86,7 @@ def test_a_fold_across_the_compression_moves_into_its_map() -> None:
     row, column, across = place()
     codes = groove(row, column, across)
     fold = folds_in(codes, creases())
-    neutral, wrinkles = unfolded(codes.copy(), fold), wrinkles_of(fold, creases(), codes.shape)
+    neutral, wrinkles = unfolded(codes.copy(), fold), wrinkles_of(fold, creases())
     folded = cv2.resize(np.asarray(wrinkles[0].normal, np.float32), SIZE)
     before = energy(codes, row, column)
     assert energy(neutral, row, column) < 0.15 * before
