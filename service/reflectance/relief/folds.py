@@ -195,8 +195,8 @@ def _foldable(chart: Chart) -> Float32:
 
 
 WIDTH = 1536
-"""Most texels of a line of the maps on which folds are found and of wrinkle maps, 3.75 to a mm of the face; no more than
-half of those of other maps."""
+"""Most texels of a line of the maps on which folds are found and of wrinkle maps, 3.75 to a mm of the face; they have
+at most half of those of other maps."""
 
 FINEST, COARSEST = 1.0, 20.0
 """Standard deviations in texels of ``WIDTH``, 0.25 mm and 5 mm, of the Gaussians between which relief is a fold's."""
