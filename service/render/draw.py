@@ -256,7 +256,7 @@ def _opaque(
     seen = nearest(flat * pieces, depth, faces, width * pieces, height * pieces, perspective=True)
     mesh = np.append(names[seen.kept], len(meshes)).astype(np.uint8)[seen.owner]
 
-    def spread(image: UInt8 | Float32) -> list[UInt8 | Float32]:
+    def spread(image: UInt8 | Float32) -> list[Any]:
         square, middles = np.ones((pieces, pieces), np.uint8), slice(pieces // 2, None, pieces)
         return [np.asarray(way(image, square)[middles, middles]).ravel() for way in (cv2.erode, cv2.dilate)]
 
