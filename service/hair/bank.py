@@ -7,13 +7,13 @@ photo's mask is laid over the view that is nearest to its own by the similarity 
 from __future__ import annotations
 
 import dataclasses
-import json
 import zipfile
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from service.arrays import Bool, Float32, Float64, Int64, UInt8
 from service.errors import ModelFault
@@ -24,7 +24,7 @@ from service.hair.kinds import KINDS
 from service.hair.reading import CELLS as PHOTO_CELLS
 from service.hair.reading import HairReading
 from service.hair.sight import Sight
-from service.hair.style import LENGTHS, Style, style_from_json
+from service.hair.style import LENGTHS, Style
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 
@@ -94,7 +94,7 @@ def read_bank(file: Path = FILE) -> Bank:
     """
     try:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-            styles = tuple(style_from_json(values) for values in json.loads(arrays["styles"].tobytes()))
+            styles = TypeAdapter(tuple[Style, ...]).validate_json(arrays["styles"].tobytes())
             bank = Bank(styles, arrays["masks"], arrays["kinds"], arrays["ends"])
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise ModelFault(f"{file} is no bank of styles: {error}") from error

@@ -20,7 +20,9 @@ def part_vertices(head: HeadModel, name: str) -> Int32:
     """Vertices of a part of the head, ascending; none where it has no such part."""
     if name not in head.part_names:
         return np.zeros(0, np.int32)
-    return np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])
+    found = np.zeros(len(head.mean), bool)
+    found[head.triangles[head.triangle_part == head.part_names.index(name)]] = True
+    return np.flatnonzero(found).astype(np.int32)
 
 
 ROWS = 5

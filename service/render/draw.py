@@ -140,13 +140,6 @@ class SeenHead:
         share[self.order] = self._reached
         return np.split(share, np.cumsum([len(self.index), *(len(one.alpha) for one in self.parts)]))[1:-1]
 
-    def by_part(self) -> list[list[SeenPart]]:
-        """Of each part that is seen its fragments, which may lie in several layers."""
-        found: dict[int, list[SeenPart]] = {}
-        for one in self.parts:
-            found.setdefault(id(one.drawn), []).append(one)
-        return list(found.values())
-
     @cached_property
     def _mixing(self) -> Any:
         """Sparse matrix from the head's points and all fragments to samples."""
@@ -206,9 +199,10 @@ def see(model: DrawnHead, camera: Camera, samples: float, chart: Float32 | None 
             keys.append(one.key)
     others = [one for one in model.parts if one.part.material.alpha != "opaque"]
     for drawn in sorted(others, key=lambda one: one.part.material.alpha != "mask"):  # what hides the others first
-        for part, key in _sheer(drawn, projected, farthest, chart):
-            parts.append(part)
-            keys.append(key)
+        found_in = _sheer(drawn, projected, farthest, chart)
+        if found_in is not None:
+            parts.append(found_in[0])
+            keys.append(found_in[1])
     order = np.argsort(np.concatenate(keys), kind="stable")
     return SeenHead(
         model, camera, (height, width), found.pixel, corners, found.weights, uv, position, found.alpha, tuple(parts),
@@ -322,8 +316,10 @@ def _opacity(pixel: Int64, share: Float64, order: Int64) -> Float32:
 
 def _sheer(
     drawn: DrawnPart, projected: Projected, farthest: Float32, chart: Float32 | None
-) -> list[tuple[SeenPart, Int64]]:
-    """Fragments of a part that is not opaque, and their keys; where it is solid, ``farthest`` (h, w) becomes nearer."""
+) -> tuple[SeenPart, Int64] | None:
+    """Fragments of a part that is not opaque, and their keys, if it has any; where it is solid, ``farthest`` (h, w)
+    becomes nearer.
+    """
     import cv2
 
     height, width = farthest.shape
@@ -360,10 +356,10 @@ def _sheer(
         rest = np.flatnonzero((alpha > 0) & (far <= farthest.ravel()[pixel]))
         if not len(rest):
             continue
-        shown, pixel, place, alpha = shown[rest], pixel[rest], place[rest], alpha[rest]
-        inside, far = inside[rest], far[rest]
-        colour = painted(drawn.part, place, chart) if texel is None else srgb_to_linear(texel[rest, :3])
-        turned = bent(drawn, shown, inside, place)
-        around, dark = drawn.triangles[shown], np.zeros_like(colour)
-        made.append((SeenPart(drawn, around, inside, place, pixel, colour, alpha, dark, turned), _keys(pixel, far)))
-    return made
+        colour = painted(drawn.part, place[rest], chart) if texel is None else srgb_to_linear(texel[rest, :3])
+        made.append((*(one[rest] for one in (shown, inside, place, pixel, alpha, far)), colour))
+    if not made:
+        return None
+    shown, inside, place, pixel, alpha, far, colour = map(np.concatenate, zip(*made, strict=True))
+    turned, around, dark = bent(drawn, shown, inside, place), drawn.triangles[shown], np.zeros_like(colour)
+    return SeenPart(drawn, around, inside, place, pixel, colour, alpha, dark, turned), _keys(pixel, far)

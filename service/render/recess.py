@@ -139,50 +139,39 @@ class RecessLight:
         it, as casters of sharp shadows and of soft ones.
         """
         recesses: dict[str, list[tuple[SeenPart, Bool]]] = {name: [] for name in RECESSES}
-        open_parts: dict[str, list[tuple[SeenPart, Bool]]] = {}
         eye = np.array(self.viewpoint, np.float32)
         strands = None if self.hair is None else StrandLight(self.light, self.graphs, self.hair, eye)
-        shares: dict[str, Float32] = {}
         for one, reached in zip(seen.parts, seen.reached() if seen.parts else (), strict=True):
             where, visible = recess_of(one.part.name), reached > HIDDEN
             if where is None and one.along is not None and strands is not None:
-                if one.part.name not in shares:
-                    shares[one.part.name] = strands.shares(one.part)
-                strands.lit(one, one.along, shares[one.part.name], visible)
+                strands.lit(one, one.along, strands.shares(one.part), visible)
             elif where is None and one.part.material.alpha == "opaque":
-                open_parts.setdefault(one.part.name, []).append((one, visible))
+                self._light_outside(one, visible, whole, skin_around([one.part], seen.position_m, skin))
             elif where is None:
                 lit = open_light(self.light, self.graphs, one.part.vertices, one.drawn.normals)
                 one.radiance = one.colour * one.between(lit)
             elif visible.any():
                 recesses[where].append((one, visible))
-        for layers in open_parts.values():
-            self._light_outside(layers, whole, skin_around([layers[0][0].part], seen.position_m, skin))
         for name, inside in recesses.items():
             if inside:
                 own = [one.part for one in seen.model.parts if recess_of(one.part.name) == name]
                 around = surroundings(own, seen.model, self.detail.recess_mm, self.graphs)
                 self._light_recess(inside, around, skin_around(own, seen.position_m, skin))
 
-    def _light_outside(
-        self, layers: Sequence[tuple[SeenPart, Bool]], whole: tuple[Occluders, Occluders], skin: Float32
-    ) -> None:
+    def _light_outside(self, one: SeenPart, visible: Bool, whole: tuple[Occluders, Occluders], skin: Float32) -> None:
         """Light a part in the open: by the sky at its vertices, by lamps, whose shadows are sharp, at each fragment.
 
-        ``layers`` are of the one part, with which of their fragments are seen; ``skin`` (6,) albedo and radiosity of
-        that around.
+        ``visible`` (F,) are its fragments that are seen; ``skin`` (6,) is albedo and radiosity of that around.
         """
-        first = layers[0][0]
-        own = np.concatenate([first.part.vertices, first.drawn.normals], 1).astype(np.float32)
+        own = np.concatenate([one.part.vertices, one.drawn.normals], 1).astype(np.float32)
         place, facing = np.split(own, 2, 1)
         hair = None if self.hair is None else self.hair.alone
         sky = self.from_sky(place + np.float32(CLEAR_M) * facing, facing, whole[1], hair)
-        points = np.concatenate([one.between(own)[visible] for one, visible in layers])
-        point, normal = points[:, :3], normalise(points[:, 3:]).astype(np.float32)
-        there = sky.between(lambda values: np.concatenate([one.between(values)[visible] for one, visible in layers]))
+        point, facing = np.split(one.between(own)[visible], 2, 1)
+        normal = normalise(facing).astype(np.float32)
+        there = sky.between(lambda values: one.between(values)[visible])
         there = self.with_lamps(there, point + np.float32(CLEAR_M) * normal, normal, whole[0], hair)
-        for (one, visible), part in zip(layers, _parts([int(visible.sum()) for _, visible in layers]), strict=True):
-            self._shine(one, visible, point[part], normal[part], there.part(part), skin)
+        self._shine(one, visible, point, normal, there, skin)
 
     def _light_recess(self, inside: Sequence[tuple[SeenPart, Bool]], around: Occluders, skin: Float32) -> None:
         places = []

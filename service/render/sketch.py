@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.arrays import AnyFloat, Bool, Float32
+from service.arrays import AnyFloat, Float32
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.mesh import normalise, unit
 from service.light.environment import Illumination
@@ -75,26 +75,19 @@ def sketch(
         cosine = np.abs((normals * normalise(seen.camera.centre - plain)).sum(1, keepdims=True))
         return np.asarray(DARKEST + (1 - DARKEST) * cosine, np.float32)
 
-    used: dict[int, Bool] = {}
     for one, share in zip(seen.parts, seen.reached(), strict=True):
-        corners = used.setdefault(id(one.drawn), np.zeros(len(one.part.vertices), bool))
-        corners[one.corners[share > HIDDEN]] = True
-    for several in seen.by_part():
-        drawn = several[0].drawn
-        corners = used[id(drawn)]
-        some = np.flatnonzero(corners)
-        lit, gloss = (np.zeros((len(corners), 3), np.float32) for _ in range(2))
-        lit[some] = at(drawn.part.vertices[some], drawn.normals[some])
+        drawn, used = one.drawn, np.zeros(len(one.part.vertices), bool)
+        used[one.corners[share > HIDDEN]] = True
+        some, light_there = np.flatnonzero(used), np.zeros((len(used), 6), np.float32)
+        there, facing = drawn.part.vertices[some], drawn.normals[some]
+        light_there[some, :3] = at(there, facing)
         if drawn.along is not None and len(some):
-            whole = np.concatenate([one.colour for one in several]).mean(0)
-            there, facing, along = drawn.part.vertices[some], drawn.normals[some], drawn.along[some]
-            gloss[some] = _shine(seen, there, facing, along, whole, light)
+            light_there[some, 3:] = _shine(seen, there, facing, drawn.along[some], one.colour.mean(0), light)
         own = np.ones(3, np.float32) if drawn.part.material.textured else np.asarray(tint, np.float32)
-        for one in several:
-            mirrored = one.between(gloss)
-            shown = with_gloss(one.colour, mirrored) if light is None and drawn.along is not None else one.colour
-            arriving = shown * one.openness() * one.between(lit)
-            one.radiance = own * (arriving if light is None else arriving + mirrored)
+        lit, mirrored = np.split(one.between(light_there), 2, 1)
+        shown = with_gloss(one.colour, mirrored) if light is None and drawn.along is not None else one.colour
+        arriving = shown * one.openness() * lit
+        one.radiance = own * (arriving if light is None else arriving + mirrored)
     picture = seen.resolved(colour * seen.between(at(seen.model.vertices, seen.model.normals)))
     return outlined(*picture) if any(one.drawn.along is not None for one in seen.parts) else picture
 
