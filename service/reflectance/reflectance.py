@@ -223,8 +223,8 @@ def _by_networks(
             told_of = own.onto(full) if own is not None and enlarged else None
             delit = diffuse_albedo(full, job(told), ledger, subject.photos, subject.cloth)
             plain = delit.albedo
-            unsure = None if delit.error is None else error_map(delit.error, skin, min(size, TEXTURE_SIZE))
-            grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
+            unsure = error_map(delit.error, skin, min(size, TEXTURE_SIZE))
+            grey = shaded_grey(planes) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
             if grey is not None:

@@ -286,12 +286,6 @@ def load_network(name: str, engine: Engine) -> Loaded:
     return (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
 
 
-def describe_network(name: str, folder: Path = MODELS) -> Description:
-    """Description of a network without keeping it loaded; raises as :func:`open_network`."""
-    session = native_session(name, checked_bytes(name, folder), 1, folder, optimise=False)
-    return _parse(name, session.get_modelmeta().custom_metadata_map.get(KEY))
-
-
 @lru_cache(maxsize=1)
 def has_bf16() -> bool:
     """Whether the processor multiplies bfloat16 in hardware."""

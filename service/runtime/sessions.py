@@ -225,7 +225,6 @@ def native_session(
     threads: int,
     folder: Path = MODELS,
     *,
-    optimise: bool = True,
     in_order: bool = False,
 ) -> Any:
     """Session of onnxruntime for checked bytes, without a memory arena (it would keep the largest input for ever).
@@ -245,8 +244,6 @@ def native_session(
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     if in_order:
         options.execution_order = ort.ExecutionOrder.PRIORITY_BASED
-    if not optimise:
-        options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
     try:
         return ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # the runtime's own exception types are not public

@@ -41,8 +41,8 @@ from service.reflectance.albedo.unlike_skin import UNLIKE_SKIN
 from service.reflectance.planes import Planes
 from service.reflectance.translate import MapInputs, translate
 from service.robust import agreement, smoothstep
-from service.runtime.network_registry import CONTEXT, EYES, INPAINTED, LIDS, LIT, PARTS, SHOWN, TEXTURE, networks_of
-from service.runtime.networks import Network, describe_network, open_network
+from service.runtime.network_registry import EYES, INPAINTED, LIDS, LIT, PARTS, SHOWN, TEXTURE, networks_of
+from service.runtime.networks import Network, open_network
 from service.runtime.tiles import run_whole
 from service.texture.texture import PhotoTexture
 
@@ -177,11 +177,11 @@ class Delit:
 
     Attributes:
         albedo: (H, W, 3) sRGB codes.
-        error: (h, w) float32 of ``service.reflectance.albedo.albedo_prior``; None: the network reads no context.
+        error: (h, w) float32 of ``service.reflectance.albedo.albedo_prior``.
     """
 
     albedo: Codes
-    error: Float32 | None
+    error: Float32
 
 
 def without(light: Float32, coded: Float32) -> Float32:
@@ -213,11 +213,9 @@ def diffuse_albedo(
         ModelFault: a network is missing, changed, or does not fit.
     """
     ledger = ledger or Ledger()
-    found: Found | None = None
-    if not set(CONTEXT).isdisjoint(describe_network(NETWORK, job.engine.folder).channels):
-        with open_network(LIGHT_NETWORK, job.engine) as network:
-            found = found_by(network, job.planes, ledger, photos, cloth)
-            job.planes.add_coarse(network.description.planes(len(found.light)), found.light)
+    with open_network(LIGHT_NETWORK, job.engine) as network:
+        found = found_by(network, job.planes, ledger, photos, cloth)
+        job.planes.add_coarse(network.description.planes(len(found.light)), found.light)
     result = np.zeros_like(texture)
     parts = job.planes.read(PARTS) if set(PARTS) <= set(job.planes.channels) else None
 
@@ -228,17 +226,16 @@ def diffuse_albedo(
             if parts is not None:
                 kept = np.moveaxis(parts(rows, columns), 0, 2)
             else:
-                kept = from_codes(texture[place])
-                kept = kept if found is None else without(found.between, kept)
+                kept = without(found.between, from_codes(texture[place]))
             albedo = kept + skin[..., None] * (albedo - kept)
         result[place] = to_codes(albedo)
 
     translate(NETWORK, job, 3, keep)
-    if found is not None and ledger.runs(TOLD_LIGHT):
+    if ledger.runs(TOLD_LIGHT):
         skin = shrunk(job.skin, found.believed.shape[::-1]) * np.float32(1 / 255)
         result, factor = as_told(result, found.albedo, found.believed * skin)
         ledger.count(TOLD_LIGHT, int((np.abs(np.log(factor)).max(0) > AS_TOLD).sum()), factor[0].size)
-    return Delit(result, None if found is None else error_model().stated(found.clues))
+    return Delit(result, error_model().stated(found.clues))
 
 
 REGISTRY: tuple[Correction, ...] = (*ON_LIT_SKIN, *EVERYWHERE, TOLD_LIGHT, HIGHLIGHTS)

@@ -65,26 +65,21 @@ MOST_LIGHT = 4.0
 """Largest magnitude of the natural logarithm of the light that is divided by."""
 
 
-def shaded_grey(planes: Planes, albedo: Codes) -> Codes:
+def shaded_grey(planes: Planes) -> Codes:
     """(H, W) codes of the grey texture, sRGB-coded, divided by its smooth light.
 
     Args:
         planes: with ``texture_grey`` and ``CONTEXT``.
-        albedo: (H, W, 3) codes; its luma is the result where the channels ``CONTEXT`` do not exist.
     """
     width, height = planes.size
     result = np.zeros((height, width), np.uint16)
-    light_known = all(name in planes.channels for name in CONTEXT)
-    read, columns = planes.read(["texture_grey", *CONTEXT] if light_known else []), np.arange(width)
+    read, columns = planes.read(["texture_grey", *CONTEXT]), np.arange(width)
 
     def divide(rows: slice) -> None:
-        if light_known:
-            grey, *logs = read(np.r_[rows], columns)
-            strength = sum(share * one for share, one in zip(LUMA, logs, strict=True))
-            strength = np.nan_to_num(np.clip(strength, -MOST_LIGHT, MOST_LIGHT))
-            coded = (grey * np.float32(0.5) + np.float32(0.5)) * np.exp(strength * np.float32(-1 / GAMMA))
-        else:
-            coded = albedo[rows] @ (LUMA / np.float32(FULL_CODE))
+        grey, *logs = read(np.r_[rows], columns)
+        strength = sum(share * one for share, one in zip(LUMA, logs, strict=True))
+        strength = np.nan_to_num(np.clip(strength, -MOST_LIGHT, MOST_LIGHT))
+        coded = (grey * np.float32(0.5) + np.float32(0.5)) * np.exp(strength * np.float32(-1 / GAMMA))
         result[rows] = np.rint(np.clip(coded, 0, 1) * np.float32(FULL_CODE)).astype(np.uint16)
 
     by_strips(height, divide)

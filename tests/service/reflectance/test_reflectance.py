@@ -20,7 +20,7 @@ from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.subject import Subject
 from service.runtime.networks import Engine
 from service.runtime.tiles import reflected
-from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_subject
+from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_models, toy_subject
 from tests.service.runtime.toynets import toy_net, write_models
 
 SIZE = (240, 160)
@@ -84,7 +84,7 @@ def test_hard_textures(colour: str, engine: Engine, subject: Subject) -> None:
     (toy_net("delta", TEXTURE, ("r", "g", "b"), scale=2), "at the same size"),
 ])  # fmt: skip
 def test_networks_that_do_not_fit_are_named(network: bytes, message: str, tmp_path: Path, subject: Subject) -> None:
-    write_models(tmp_path, {"delta": network})
+    write_models(tmp_path, toy_models() | {"delta": network})
     plan = ReflectancePlan.of(["diffuse_albedo"], super_resolution=False)
     with pytest.raises(ModelFault, match=message):
         make_reflectance(noise(), subject, plan, (96, 64), Engine(threads=1, folder=tmp_path))
@@ -97,7 +97,8 @@ def test_a_network_that_overflows_is_named_and_nothing_comes_out(tmp_path: Path,
 
     huge = helper.make_tensor("huge", TensorProto.FLOAT, [1], [1e38])
     nodes = [helper.make_node("Mul", ["maps", "huge"], ["big"]), helper.make_node("Mul", ["big", "huge"], ["result"])]
-    write_models(tmp_path, {"delta": finish(nodes, [huge], "delta", TEXTURE, ("r", "g", "b"))})
+    overflowing = finish(nodes, [huge], "delta", TEXTURE, ("r", "g", "b"))
+    write_models(tmp_path, toy_models() | {"delta": overflowing})
     plan = ReflectancePlan.of(["diffuse_albedo"], super_resolution=False)
     with pytest.raises(NumericFault, match="delta: output r"):
         make_reflectance(noise(), subject, plan, (96, 64), Engine(threads=1, folder=tmp_path))

@@ -19,7 +19,6 @@ from service.runtime.networks import (
     Engine,
     RuntimeName,
     choose_engine,
-    describe_network,
     load_network,
     loading_ahead,
     open_network,
@@ -57,8 +56,6 @@ def test_a_network_without_description_is_refused(tmp_path: Path) -> None:
     model = onnx.load_from_string(toy_net("bare", ["a"], ["x"]))
     del model.metadata_props[:]
     write_models(tmp_path, {"bare": bytes(model.SerializeToString())})
-    with pytest.raises(ModelFault, match="bare has no 'description'"):
-        describe_network("bare", tmp_path)
     for runtime in RUNTIMES_HERE:
         with pytest.raises(ModelFault, match="bare has no 'description'"):
             load_network("bare", Engine(runtime, threads=1, folder=tmp_path))
