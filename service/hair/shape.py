@@ -176,6 +176,8 @@ BENT = 2500
 """Most strands out of which the nearest is taken."""
 FARTHEST_CELLS = 14.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm."""
+LEAVES = 0.5
+"""Most by which a loose strand is bent, over its length."""
 OVER_M = 0.005
 """How far above its root a strand is bent at most beside a bald top."""
 STUB_M, STUB = 0.03, 0.8
@@ -236,6 +238,8 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     stays = (met(groom.style) == 0) | (bent[..., 1].max(1) < strands[strand, 0, 1] + OVER_M)
     # Tufts over the hairline of hair that is longer would be cut off there.
     stays &= length_of(bent) > np.minimum(STUB_M, STUB * length_of(strands[strand]))
+    if groom.style.gather == "none":  # a tail that is not told as one hangs beside the neck, and no crop reaches it
+        stays &= np.linalg.norm(shift, axis=1) < LEAVES * length_of(strands[strand])
     return groom.joined(bent[stays], groom.root_uv[strand[stays]], strand[stays])
 
 

@@ -562,6 +562,18 @@ def test_what_is_uncovered_gets_strands_and_no_more() -> None:
     assert len(filled(own.groom, own.sight, SKIN, np.random.default_rng(0))) < 1.2 * len(own.groom)
 
 
+def test_short_hair_is_not_bent_to_what_it_cannot_reach() -> None:
+    """A tail behind the neck that was not told as one became a tuft of short hair that floats beside it: 66 strands."""
+    seen = photographed(NAMED["side_part"], 3, HEAD, yaw=-25.0)
+    tail = np.array([0.05, -0.09, -0.09]) + 0.008 * np.random.default_rng(0).normal(size=(200, 3))
+    column, row = seen.sight.project(tail.astype(np.float32))[0].astype(int).T
+    hair, known = seen.sight.hair.copy(), seen.sight.known.copy()
+    hair[row, column] = known[row, column] = 1
+    shown = dataclasses.replace(seen.sight, hair=hair, known=known)
+    added = filled(seen.groom, shown, SKIN, np.random.default_rng(0)).strands[len(seen.groom) :]
+    assert not (np.linalg.norm(added - tail.mean(0), axis=-1) < 0.02).any()
+
+
 def test_cells_are_those_of_the_camera_and_the_square() -> None:
     sight = photographed(NAMED["crop"], 1, HEAD, yaw=25.0, pitch=-10.0, strands=50).sight
     turned = dataclasses.replace(sight, region=Region(50.0, 60.0, 90.0, 0.3))
@@ -618,7 +630,7 @@ def test_an_ear_ring_is_no_lock() -> None:
 
 def test_no_strand_from_behind_an_ear_is_bent_over_it() -> None:
     """Where the fit has the ear lower than the photo, hair behind it is seen on the ear: it got a ball of hair."""
-    seen = photographed(NAMED["crop"], 3, HEAD, yaw=-25.0)
+    seen = photographed(NAMED["bun"], 3, HEAD, yaw=-25.0)
     ear = SKIN.ears[SKIN.ears[:, 0] > 0]
     at, depth = seen.sight.project(ear)
     cells, before = seen.sight.visible(at, depth)
@@ -628,9 +640,9 @@ def test_no_strand_from_behind_an_ear_is_bent_over_it() -> None:
         hair[row - 1 : row + 2, column - 1 : column + 2] = 1
     groom = filled(seen.groom, dataclasses.replace(seen.sight, hair=hair), SKIN, np.random.default_rng(0))
     added = groom.strands[len(seen.groom) :, -4:]
-    assert len(added) and low.sum() > 3
-    apart = np.linalg.norm(added[:, :, None] - ear[low][None, None], axis=-1).min((1, 2))
-    assert (apart < 0.006).sum() < 5, "47 did"
+    assert low.sum() > 3
+    apart = np.linalg.norm(added[:, :, None] - ear[low][None, None], axis=-1)
+    assert (apart < 0.006).any((1, 2)).sum() < 5, "42 did"
 
 
 def test_no_tuft_of_longer_hair_lies_over_the_hairline() -> None:
