@@ -110,29 +110,6 @@ def placing(term: Term, state: State, identities: int) -> Term:
     return replace(term, mean=known, modes=modes)
 
 
-def placed(
-    states: Sequence[State], priors: Sequence[Prior], dense: Sequence[DenseTerms | None], model: LandmarkModel
-) -> list[State]:
-    """The states, turned photos where the places say that were read off them.
-
-    By landmarks a head that is turned by 75 degrees is turned by 61 to 74, by places by 71 to 77: from there spots find
-    each other.
-    """
-    lower, upper = bounds(model)
-    active = np.arange(len(lower)) < POSE
-    for _ in range(6):
-        terms: list[list[Term]] = [
-            [] if read is None or abs(state.yaw_deg) < SQUARELY_DEG[0]
-            else [placing(read.points(state), state, model.shape_count), prior]
-            for state, prior, read in zip(states, priors, dense, strict=True)
-        ]  # fmt: skip
-        states = minimise(
-            states, terms, shared=identity_of(model), lower=lower, upper=upper, damping=Damping(), steps=STEPS,
-            active=active,
-        )  # fmt: skip
-    return list(states)
-
-
 def _refined(
     sights: Sequence[ObservedPhoto], head: HeadModel, model: LandmarkModel, components: int, *, normals: bool
 ) -> list[tuple[LandmarkFit, Float64 | None]]:
@@ -166,8 +143,6 @@ def _refined(
     skull = OutlineFinder(head, "scalp") if "scalp" in head.region_names else None
     plain = np.arange(model.shape_count) < components
     height = skull_height(head, model)
-    if len(sights) > 1:
-        states = placed(states, priors, dense, model)
     damping = Damping()
     # Further rounds, of several photos, with the spots that these have in common.
     # Spots move the head further than a second round does: the outline is searched as far as in the first.
@@ -180,7 +155,7 @@ def _refined(
             spots = stereo_terms(head, [Picture.of(*photo, head, state, shape) for photo, state, shape in seen])
         terms: list[list[Term]] = []
         for k, (sight, state, shape, read) in enumerate(zip(sights, states, shapes, dense, strict=True)):
-            # Beside photos that share spots, one that shares none is only placed: what it says of the shape is worse.
+            # Beside photos that share spots, one that shares none tells the outline; all else it says is worse.
             heard = bool(spots[k]) or not any(spots)
             points = weigh_landmarks(state, model.at_yaw(state.yaw_deg), sight.observed, ANNEAL[-1])[1]
             own: list[Term] = [points, priors[k], *([height] if k == 0 else [])]
@@ -198,12 +173,15 @@ def _refined(
                     places = replace(places, precision=places.precision * say)
                 own.append(places)
                 own += [read.normals(state, shape)] if normals and squarely > HARDLY else []
-            outline = contour.term(soft[k], photos[k][1], state, shape, reach)
+            view = sight.view if len(sights) > 1 else None
+            outline = contour.term(soft[k], photos[k][1], state, shape, reach, view)
             end = None
             if read is not None and skull is not None and sight.view.reading is not None:
                 end = skull.crown_term(sight.view.reading, sight.view.photo.size, state, shape)
             own += [term for term in (outline, end) if term is not None]
-            terms.append([*own, *spots[k]] if heard else [placing(one, state, model.identity_count) for one in own])
+            if not heard:
+                own = [one if one is outline else placing(one, state, model.identity_count) for one in own]
+            terms.append([*own, *spots[k]])
         states = minimise(
             states, terms, shared=identity_of(model), lower=lower, upper=upper, damping=damping, steps=STEPS,
             active=np.ones(POSE + model.shape_count, bool),

@@ -10,7 +10,7 @@ from service.arrays import Float64
 from service.face.finder import Face
 from service.face.fit.dense import DenseTerms, correspondences, normal_derivative
 from service.face.fit.fit import FitSettings
-from service.face.fit.fit_face import fit_views, placed, placing, prior_for
+from service.face.fit.fit_face import fit_views, placing
 from service.face.fit.landmark_fit import LandmarkModel, extended, identity_of
 from service.face.fit.solver import POSE, State, System
 from service.face.reading.openings import EYE, STATIONS, Opening
@@ -144,23 +144,6 @@ def test_a_photo_that_only_places_the_head_moves_no_coefficient_of_the_shape(wid
         assert silent.gradient[kept] == pytest.approx(heard.gradient[kept], rel=1e-3, abs=1e-3)
         assert not silent.gradient[identity_of(model)].any() and not silent.hessian[identity_of(model)].any()
         assert heard.hessian[identity_of(model)].any()
-
-
-def test_turned_photos_are_placed_by_what_was_read_of_them(head: HeadModel) -> None:
-    """Landmarks turn a profile towards the camera, further than spots are searched."""
-    truth = somebody(head)
-    _, photo, reading = seen(head, truth, 75.0)
-    model = LandmarkModel(head, len(head.identity))
-    prior = prior_for(photo, model, FitSettings())
-    by_landmarks = camera_at(60.0, FOCAL)
-    known = np.zeros(model.shape_count)
-    known[:60] = np.random.default_rng(4).normal(size=60)
-    start = State(by_landmarks.rotation, by_landmarks.translation[:2], np.log(FOCAL), 0.0, known)
-    dense = DenseTerms(head, correspondences(head, reading, start, MIDDLE))
-    [found] = placed([start], [prior], [dense], model)
-    assert abs(found.yaw_deg - camera_at(75.0, FOCAL).yaw_pitch_roll_deg()[0]) < 2.0
-    assert (found.coefficients == known).all()
-    assert placed([start], [prior], [None], model) == [start]
 
 
 def test_normals_bend_the_shape_where_places_are_vague(head: HeadModel) -> None:
