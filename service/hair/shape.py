@@ -178,10 +178,6 @@ FARTHEST_CELLS = 14.0
 """Most by which a strand is bent to reach an uncovered cell: 55 mm."""
 LEAVES = 0.5
 """Most by which a loose strand is bent, over its length."""
-OVER_M = 0.005
-"""How far above its root a strand is bent at most beside a bald top."""
-STUB_M, STUB = 0.03, 0.8
-"""Length, and share of that of the strand it is bent from, of which a strand is longer than the shorter."""
 FORWARDS_M = 0.015
 """Most by which a strand is bent towards the camera to lie on skin: from behind an ear none comes over it."""
 STEEP_M = 0.015
@@ -226,21 +222,17 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     strand, place = some[near // len(places)], places[near % len(places)]
     wanted = np.where(np.isfinite(face), face - rng.uniform(*OFF_M, len(cells)), deep)
     shift = sight.placed(cells, wanted) - strands[strand, place]
+    loose = groom.style.gather == "none"
+    if loose:  # a tail that is not told as one hangs beside the neck, and no crop reaches it
+        near = np.linalg.norm(shift, axis=1) < LEAVES * length_of(strands[strand])
+        strand, place, shift = strand[near], place[near], shift[near]
     share = np.clip(np.arange(points)[None] / np.maximum(place, 1)[:, None], 0, 1)
     bent = strands[strand] + (share**1.5)[..., None] * shift[:, None]
     # It ends a little beyond the cell: the rest of a tail, say, would hang anywhere. Loose hair would be a tuft there.
     ends = np.clip(place / (points - 1) * rng.uniform(1.0, 1.2, len(place)), 0, 1).astype(np.float32)
-    if groom.style.gather == "none":
-        ends = np.ones_like(ends)
-    bent = resampled(bent.astype(np.float32), ends, points)
+    bent = resampled(bent.astype(np.float32), np.ones_like(ends) if loose else ends, points)
     bent = np.concatenate([bent[:, :1], skin.pushed(bent[:, 1:], 0.0015)], 1)
-    # Nor is hair combed over a bald head; by its root, as a strand may have been bent before.
-    stays = (met(groom.style) == 0) | (bent[..., 1].max(1) < strands[strand, 0, 1] + OVER_M)
-    # Tufts over the hairline of hair that is longer would be cut off there.
-    stays &= length_of(bent) > np.minimum(STUB_M, STUB * length_of(strands[strand]))
-    if groom.style.gather == "none":  # a tail that is not told as one hangs beside the neck, and no crop reaches it
-        stays &= np.linalg.norm(shift, axis=1) < LEAVES * length_of(strands[strand])
-    return groom.joined(bent[stays], groom.root_uv[strand[stays]], strand[stays])
+    return groom.joined(bent, groom.root_uv[strand], strand)
 
 
 SEEN_M = 0.015
