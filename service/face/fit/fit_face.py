@@ -155,7 +155,7 @@ def _refined(
             spots = stereo_terms(head, [Picture.of(*photo, head, state, shape) for photo, state, shape in seen])
         terms: list[list[Term]] = []
         for k, (sight, state, shape, read) in enumerate(zip(sights, states, shapes, dense, strict=True)):
-            # Beside photos that share spots, one that shares none tells the outline; all else it says is worse.
+            # Beside photos that share spots, one that shares none is only placed: what it says of the shape is worse.
             heard = bool(spots[k]) or not any(spots)
             points = weigh_landmarks(state, model.at_yaw(state.yaw_deg), sight.observed, ANNEAL[-1])[1]
             own: list[Term] = [points, priors[k], *([height] if k == 0 else [])]
@@ -179,9 +179,7 @@ def _refined(
             if read is not None and skull is not None and sight.view.reading is not None:
                 end = skull.crown_term(sight.view.reading, sight.view.photo.size, state, shape)
             own += [term for term in (outline, end) if term is not None]
-            if not heard:
-                own = [one if one is outline else placing(one, state, model.identity_count) for one in own]
-            terms.append([*own, *spots[k]])
+            terms.append([*own, *spots[k]] if heard else [placing(one, state, model.identity_count) for one in own])
         states = minimise(
             states, terms, shared=identity_of(model), lower=lower, upper=upper, damping=damping, steps=STEPS,
             active=np.ones(POSE + model.shape_count, bool),
