@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import cv2
 import numpy as np
 
 from service.arrays import Bool, Float32
@@ -180,8 +179,6 @@ LEAVES = 0.5
 """Most by which a loose strand is bent, over its length."""
 FORWARDS_M = 0.015
 """Most by which a strand is bent towards the camera to lie on skin: from behind an ear none comes over it."""
-STEEP_M = 0.015
-"""Range of the skin's depth in a cell and its neighbours from which on it is steep."""
 OFF_M = (0.002, 0.008)
 """Range of distances from the skin at which these lie where they cross the face."""
 
@@ -192,12 +189,8 @@ def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) ->
     Each is the strand that is nearest in the picture, bent from its root on to pass through the cell: at the depth of
     the skin where that lies behind, as a fringe on the forehead does, else at the strand's own.
     """
-    solid = np.where(np.isfinite(sight.behind), sight.behind, np.float32(9.0))
-    # Where the skin turns away from the camera, a cell does not tell how deep its hair lies.
-    square = np.ones((3, 3), np.uint8)
-    steep = (solid < 9.0) & (cv2.dilate(solid, square) - cv2.erode(solid, square) > STEEP_M)
     uncovered = sight.drawn(groom.strands).mask < UNCOVERED
-    lacking = np.argwhere((sight.hair > SURE) & (sight.known > SURE) & uncovered & ~steep)
+    lacking = np.argwhere((sight.hair > SURE) & (sight.known > SURE) & uncovered)
     if not len(lacking) or not len(groom):
         return groom
     count = max(1, round(PER_CELL * len(groom) / 10_000))
