@@ -1,8 +1,7 @@
 """A network over a map of any size, in tiles whose result is that of the whole.
 
 A tile is read with a margin about as wide as the network looks, computed, and only its inside is kept, so no pixel
-knows about tiles. At the border of the map the margin is narrow, and the map's own mirror image, also where there is
-only one tile.
+knows about tiles. At the border of the map the margin is the map's own mirror image, also where there is only one tile.
 Tile origins are multiples of the network's stride, because down-sampling makes a network's output depend on that phase.
 """
 
@@ -30,10 +29,6 @@ Read = Callable[[Indices, Indices], Float32]
 DEFAULT_TILE = 768
 """Inner side of a tile in input pixels: two of them at once take half a gigabyte. Of 1024, networks would compute an
 eighth fewer texels, and a standard head would take 100 MB more."""
-
-BEYOND = 32
-"""Pixels beyond the border of the map that a network sees at most: with all of its margin, a sixth of what it computes
-of a draft, maps differ by 58 dB, at the border alone."""
 
 SMALL_TILE = 512
 """For a machine that has too little memory: margins cost half of the time there."""
@@ -116,15 +111,21 @@ def run_tiles(
     todo = tiles(*size, tile, what.stride, where)
 
     def work(one: Tile) -> None:
-        down, across = _window(one.top, one.bottom, size[1], what), _window(one.left, one.right, size[0], what)
-        result = network.run(read(reflected(size[1], *down), reflected(size[0], *across)))
-        inner = Tile(one.top - down[0], one.left - across[0], one.bottom - down[0], one.right - across[0])
-        write(one, result[:, *inner.scaled(what.scale)])
+        rows = reflected(size[1], *_window(one.top, one.bottom, what))
+        columns = reflected(size[0], *_window(one.left, one.right, what))
+        write(one, _inside(network.run(read(rows, columns)), one, what))
 
     with ThreadPoolExecutor(network.lanes) as pool:
         for index, _ in enumerate(pool.map(work, todo)):
             progress((index + 1) / len(todo))
     network.large |= size[0] * size[1] > SMALL_MAP
+
+
+def _inside(result: Float32, one: Tile, what: Description) -> Float32:
+    """The result of a tile without its halo."""
+    tall, wide = one.bottom - one.top, one.right - one.left
+    rows, columns = Tile(what.margin, what.margin, what.margin + tall, what.margin + wide).scaled(what.scale)
+    return result[:, rows, columns]
 
 
 def run_whole(network: Network, maps: Float32) -> Float32:
@@ -164,8 +165,5 @@ def _reach(marked: Bool, count: int, stride: int) -> tuple[int, int]:
     return max(int((where[0] - 1) * across) // stride * stride, 0), min(math.ceil((where[-1] + 2) * across), count)
 
 
-def _window(start: int, stop: int, count: int, what: Description) -> tuple[int, int]:
-    """First pixel, and pixel after the last, that a tile is read from: it with its margin, as far as ``BEYOND``."""
-    end, last = (start + -(-(one - start) // what.stride) * what.stride for one in (stop, count))
-    beyond = -(-BEYOND // what.stride) * what.stride
-    return max(start - what.margin, -beyond), min(end + what.margin, last + beyond)
+def _window(start: int, stop: int, what: Description) -> tuple[int, int]:
+    return start - what.margin, start + -(-(stop - start) // what.stride) * what.stride + what.margin
