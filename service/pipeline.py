@@ -175,6 +175,7 @@ def make_avatar(
             del known  # its memory
             if brows is None and hides_brows(chart, texture.confidence):
                 brows = made_up_brows(hair.result().root_colour)
+                warnings += ("brows-made-up",)
             if options.eye_colour != "auto":
                 texture = replace(texture, iris=NAMED_IRISES[options.eye_colour])
         step = options.level.part_texture_step

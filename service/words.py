@@ -10,9 +10,9 @@ WarningCode = Literal[
     "icc-ignored", "extra-images-ignored", "transparent", "focal-ignored", "no-colour", "photo-made-smaller",
     "landmarks-read", "landmarks-inconsistent", "landmarks-uncertain", "low-resolution", "turned-90", "turned-180",
     "turned-270", "face-at-edge", "under-exposed", "eyes-covered", "extreme-pose", "low-confidence", "gaze-not-seen",
-    "not-read", "no-light", "little-seen", "not-segmented", "glasses-removed", "face-covered", "photos-left-out",
-    "over-budget", "small-tiles", "hair-unseen", "hair-kind-doubtful", "hair-style-poor", "hair-colour-guessed",
-    "hair-not-for-this-head",
+    "not-read", "no-light", "little-seen", "not-segmented", "glasses-removed", "brows-made-up", "face-covered",
+    "photos-left-out", "over-budget", "small-tiles", "hair-unseen", "hair-kind-doubtful", "hair-style-poor",
+    "hair-colour-guessed", "hair-not-for-this-head",
 ]  # fmt: skip
 """Every code that a stage may issue: the fields that carry warnings have this type."""
 
