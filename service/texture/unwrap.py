@@ -224,8 +224,9 @@ chart's width, within which its lids are: 4 mm."""
 LENS = 0.03
 """How far a lens reaches beyond what the reader makes out of glasses, over the chart's width: 13 mm."""
 MIRRORS, GREEN, BRIGHT = (0.4, 0.7), 0.75, (0.15, 0.25)
-"""How much bluer than the face's skin lenses mirror, natural logarithm of blue over red; what of green, which coatings
-mirror too, counts as blue; and luminance over the skin's, as lashes and brows are blue for want of light."""
+"""How much bluer or brighter than the face's skin lenses mirror, natural logarithm of blue over red or of luminance;
+what of green, which coatings mirror too, counts as blue; and luminance over the skin's from which on blue counts, as
+lashes and brows are blue for want of light."""
 RAMP = (0.25, 0.55)
 """Probability up to which a texel counts as seen, and from which on as hidden."""
 SHADOW = 0.009
