@@ -163,7 +163,7 @@ def absorption_of(colour: AnyFloat) -> Float32:
     return np.asarray(np.square(logs / WIDTH), np.float32)
 
 
-def in_the_dark(bright: float) -> float:
+def farther_if_black(bright: float) -> float:
     """By how much more than ``DYED`` hair of a luminance is off melanin's colours where it is dyed."""
     return DYED_DARK * float(np.exp(-bright / DARK))
 
@@ -191,7 +191,7 @@ def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, redder: bool = Fa
         nearest, shown = reflected(amount @ PIGMENTS), reflected(usual)
         left = np.log((nearest + SHINE) / (shown + SHINE))
         bright = float(luma(shown))
-        far = float(left.max() - left.min()) > dyed_from + in_the_dark(bright)
+        far = float(left.max() - left.min()) > dyed_from + farther_if_black(bright)
         copper = redder and is_warm(shown) and left[1] - left[0] > COPPER
         if copper and not far:  # no less yellow than melanin: that would be the sky
             usual[2] = max(usual[2], float((amount @ PIGMENTS)[2]))

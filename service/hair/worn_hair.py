@@ -12,7 +12,7 @@ from service.colour import bytes_to_linear, linear_to_srgb, luma
 from service.face.fit.fit import Fit
 from service.geometry.mesh import unit
 from service.hair.cards import BUDGETS, HAIR, hair_parts
-from service.hair.colour import DYED, KNOTS, NEUTRAL, as_absorbed, in_the_dark, is_warm
+from service.hair.colour import DYED, KNOTS, NEUTRAL, as_absorbed, farther_if_black, is_warm
 from service.hair.groom import Groom
 from service.hair.scalp import CENTRE, Scalp
 from service.levels import QualityName
@@ -123,7 +123,7 @@ def groom_in_albedo(
         unlit_colour = as_absorbed(own, dyed_from=0.0)
     else:
         # What is black in the photo is not dyed, however little light it is told to have had.
-        unlit_colour = as_absorbed(own, dyed_from=DYED + in_the_dark(float(luma(usual))), redder=True)
+        unlit_colour = as_absorbed(own, dyed_from=DYED + farther_if_black(float(luma(usual))), redder=True)
     made = replace(unlit_colour, measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.

@@ -106,13 +106,13 @@ def found_by(
     are no lids. Of several photos each is asked about by itself, too (``service.reflectance.albedo.diffuse_albedo``).
     """
     ledger = ledger or Ledger()
-    start, lids, white_seen = asked(network, planes)
-    on_skin = corrected(replace(start, cloth=cloth), ON_LIT_SKIN, ledger)
+    start, lids, white_seen = asked(network, planes, cloth)
+    on_skin = corrected(start, ON_LIT_SKIN, ledger)
     if photos:
 
         def delit(photo: PhotoTexture) -> tuple[ChartLight, Float32]:
-            own, _, white = asked(network, photo_planes(planes, photo))
-            told = corrected(replace(own, cloth=photo.cloth), ON_LIT_SKIN, Ledger(ledger.without))
+            own, _, white = asked(network, photo_planes(planes, photo), photo.cloth)
+            told = corrected(own, ON_LIT_SKIN, Ledger(ledger.without))
             return told, error_model().stated(clues(told.light, own.texture, own.weight, lids, None, white))
 
         on_skin = agreed_light(on_skin, photos, delit)
@@ -141,8 +141,11 @@ def exposure(texture: Float32, lit: Float32) -> float:
     return EXPOSED / max(float(np.quantile(shown, BRIGHT)), DARKEST) if shown.size else 1.0
 
 
-def asked(network: Network, planes: Planes) -> tuple[ChartLight, Float32, bool]:
-    """What the network says of planes, (h, w) how far a texel is lid, and whether a white is known."""
+def asked(network: Network, planes: Planes, cloth: float = 0.0) -> tuple[ChartLight, Float32, bool]:
+    """What the network says of planes, (h, w) how far a texel is lid, and whether a white is known.
+
+    ``cloth`` is the linear luminance of the brightest cloth in their photo; 0: none is seen.
+    """
     what = network.description
     size = what.whole or planes.size
     inside = planes.shrunk(["mask"], size)[0]
@@ -164,7 +167,7 @@ def asked(network: Network, planes: Planes) -> tuple[ChartLight, Float32, bool]:
         exposed.add_coarse(EYES, white)
     light = run_whole(network, exposed.shrunk(what.channels, size)) - np.log(gain)
     shown = np.maximum(lit, clue(SHOWN, 0.0)) * inside
-    return ChartLight(light, light, texture, lit, inside, clue(INPAINTED, 0.0), shown), lids, white_seen
+    return ChartLight(light, light, texture, lit, inside, clue(INPAINTED, 0.0), shown, cloth), lids, white_seen
 
 
 LIGHT_NETWORK, NETWORK = networks_of("diffuse_albedo")
