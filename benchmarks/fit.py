@@ -9,6 +9,9 @@ For the default also by yaw, by light and for the heads that no default was chos
 
 ``--views 1,2,3,5,8`` fits heads to the first so many of the photos that ``benchmarks.shoot --views`` took of them, from
 all sides, and prints the same errors of each head where its first photo, a frontal one, shows it, and over all photos.
+
+``--real DIR`` fits the largest face of each photo in a folder and prints how far its landmarks lie from the photo's, as
+a share of the distance between the eyes, and the mean of those turned by less than 20 degrees.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ import numpy as np
 
 from benchmarks.metrics import Score, Truth, score
 from service.errors import AvatarError
-from service.face.finder import Face, FaceFinder
+from service.face.finder import Face, FaceFinder, choose_face
 from service.face.fit.fit import Fit, FitSettings
 from service.face.fit.fit_face import fit_views
 from service.face.profile import faces_by_reading
@@ -35,9 +38,12 @@ from service.face.reading.reader import ReaderNetwork, Readers, Reading, View, r
 from service.face.several import read_view
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.photo.gate import read_photo
 from service.photo.photo import Photo
 from service.runtime.sessions import load_session
 
+FRONTAL_DEG = 20.0
+"""Yaw below which a photo is a frontal one."""
 HELD_OUT = range(110, 1000)
 """ICT heads on which no setting was looked at while defaults were chosen."""
 DEFAULT = "+ free form (full)"
@@ -248,6 +254,24 @@ def plot(points: dict[str, tuple[float, float]], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
+def of_real(folder: Path, head: HeadModel) -> list[str]:
+    """A line for each photo of a folder, and one of the frontal ones: root mean square distance of landmarks."""
+    finder, readers, lines, frontal = FaceFinder(), Readers(), [], []
+    for path in sorted(folder.iterdir()):
+        try:
+            photo = read_photo(path.read_bytes())
+            face = choose_face(finder.find(photo.pixels), "largest", photo.pixels.shape[1::-1])
+            [fit] = fit_views([read_view(View(photo, face), readers, head)], head, FitSettings())
+        except (AvatarError, ValueError) as error:
+            lines.append(f"{path.name}: {error}")
+            continue
+        yaw, percent = fit.camera.yaw_pitch_roll_deg()[0], 100 * fit.landmark_rms_px / fit.inter_ocular_px
+        frontal += [percent] if abs(yaw) < FRONTAL_DEG else []
+        lines.append(f"{path.name}: yaw {yaw:.0f} degrees, landmarks {percent:.2f} %")
+    mean = np.mean(frontal) if frontal else np.nan
+    return [*lines, f"{len(frontal)} frontal photos: {mean:.2f} % of the distance between the eyes"]
+
+
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -256,7 +280,11 @@ def main() -> None:
     parser.add_argument("--reader", type=Path, action="append", default=[], help="folder of another reader; repeatable")
     parser.add_argument("--compare", type=int, default=60, help="compare settings on this many photos at most")
     parser.add_argument("--views", help="numbers of photos of each head, 1,2,3,5,8")
+    parser.add_argument("--real", type=Path, help="folder of photos of real people")
     arguments = parser.parse_args()
+    if arguments.real:
+        print("\n".join(of_real(arguments.real, load_head())))
+        return
     if arguments.views:
         counts = [int(count) for count in arguments.views.split(",")]
         by_views(arguments.photos / "views", counts, load_head())
