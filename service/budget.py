@@ -38,8 +38,8 @@ class NetworkSpeed(NamedTuple):
 
     Attributes:
         opening: seconds that loading takes, and its first run more than others.
-        seconds: per megapixel of input, halos left out; of one run where it takes a whole map.
-        tiles: halo and scale; None where it takes a whole map.
+        seconds: per megapixel of input, margin and all; of one run where it takes a whole map.
+        tiles: margin and scale; None where it takes a whole map.
     """
 
     opening: float
@@ -130,7 +130,7 @@ def measure_speed(engine: Engine, networks: tuple[str, ...]) -> Speed:
             opened = time.perf_counter() - begin
             what = network.description
             small = name in ENLARGING or what.whole is not None
-            side = SAMPLE // what.scale // what.stride * what.stride if small else SAMPLE
+            side = (SAMPLE // what.scale // what.stride * what.stride if small else SAMPLE) + 2 * what.margin
             shape = (side, side) if what.whole is None else what.whole[::-1]
             maps = np.zeros((len(what.channels), *shape), np.float32)
             first, second = _twice(lambda: _run(network, maps))  # noqa: B023 - called at once
@@ -158,10 +158,10 @@ def _run(network: Network, maps: Float32) -> None:
 def _network_seconds(name: str, speed: NetworkSpeed, texels: float) -> float:
     if speed.tiles is None:
         return speed.opening + speed.seconds
-    halo, scale = speed.tiles
+    margin, scale = speed.tiles
     area = TEXTURE_SIZE[0] * TEXTURE_SIZE[1] / 1e6 if name in ENLARGING else texels
     side = DEFAULT_TILE / scale
-    return speed.opening + speed.seconds * area * ((side + 2 * halo) / side) ** 2
+    return speed.opening + speed.seconds * area * ((side + 2 * margin) / side) ** 2
 
 
 def _twice(work: Callable[[], object]) -> tuple[float, float]:

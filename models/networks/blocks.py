@@ -69,6 +69,11 @@ def initialise(module: nn.Module) -> None:
                 part.second.weight.mul_(0.5)
 
 
+def inside(x: Tensor, margin: int) -> Tensor:
+    """(..., h, w) without ``margin`` cells at each side."""
+    return x[..., margin:-margin, margin:-margin] if margin else x
+
+
 def rounded_up(value: float, multiple: int) -> int:
     """The next multiple that is not smaller."""
     return math.ceil(value / multiple) * multiple

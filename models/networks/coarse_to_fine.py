@@ -13,7 +13,7 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from models.networks.blocks import Up, initialise, rounded_up
+from models.networks.blocks import Up, initialise, inside, rounded_up
 
 
 @dataclass(frozen=True)
@@ -81,11 +81,12 @@ class CoarseToFine(nn.Module):
         self.head = nn.Conv2d(local, out, 7, padding=3)
         nn.init.normal_(self.head.weight, std=0.02)
 
-    def forward(self, x: Tensor, added: Tensor | None = None) -> Tensor:
-        """``added`` and x, together (N, channels, H, W) -> (N, out, H, W); H and W multiples of ``size.stride``."""
-        x = x if added is None else torch.cat([added, x], 1)
+    def forward(self, x: Tensor, margin: int = 0) -> Tensor:
+        """(N, channels, H, W) -> (N, out, H, W) without ``margin`` pixels at each side; H and W multiples of
+        ``size.stride``.
+        """
         coarse = self.coarse(nn.functional.avg_pool2d(x, 2))
-        return cast(Tensor, self.head(self.fine(self.enter(x) + coarse)))
+        return inside(self.head(self.fine(self.enter(x) + coarse)), margin)
 
     def halo(self) -> int:
         """Input pixels beyond which nothing matters, rounded up to the stride."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import cast
 
 import torch
 from torch import nn
 
 from models.networks.coarse_to_fine import CoarseToFineSize
 from models.networks.context import ContextNet, ContextSize
-from models.networks.rcan import RcanBody, RcanSize, RcanTail
+from models.networks.rcan import RcanBody, RcanSize, RcanTail, with_detail
 from models.networks.stages import BodySize, Delta, DeltaBlind, Psi, Rho, Sigma, planes_of
 from models.networks.translator import TranslatorSize
 from service.errors import UsageError
@@ -34,7 +33,7 @@ class Zeta(nn.Module):
 
     def forward(self, x: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
         """(N, 7, h, w) and (N, size.noise, h, w) -> (N, 3, 8h, 8w)."""
-        return cast(torch.Tensor, self.tail(torch.cat([self.body(x), noise, x[:, :3]], 1)))
+        return with_detail(x[:, :3], self.tail(torch.cat([self.body(x), noise], 1)))
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """zeta, the super-resolution network: RCAN (Zhang et al. 2018), cut into a body for the whole map and a tail for tiles.
 
 Channel attention averages over the whole image, so the body runs once on the whole texture (AvatarMe's 576 x 384 fits
-easily); the tail looks three pixels far and runs in tiles. Any tiling then equals the whole. The tail adds what it
-finds to a smooth enlargement, and gets seeded noise to make pores of, since a pixel of the texture covers dozens.
+easily); the tail looks two pixels far and runs in tiles. Any tiling then equals the whole. What the tail finds is
+added to a smooth enlargement; it gets seeded noise to make pores of, since a pixel of the texture covers dozens.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from models.networks.blocks import activation, initialise, shuffle_head
+from models.networks.blocks import activation, initialise, inside, shuffle_head
 
 SCALE = 8
 
@@ -85,11 +85,25 @@ class RcanBody(nn.Module):
         return cast(Tensor, first + self.end(y))
 
 
-class RcanTail(nn.Module):
-    """Features, texture and noise at the small size -> texture at eight times the size, in [-1, 1]."""
+def with_detail(texture: Tensor, detail: Tensor) -> Tensor:
+    """(N, 3, 8h, 8w) in [-1, 1]: a texture (N, 3, h, w) enlarged smoothly, and the tail's detail.
 
-    halo = 4
-    """Small pixels: cubic enlargement 2; convolutions 1 + 1/2 + 1/4 + 1/4, rounded up; one to spare."""
+    Not bilinearly: its kinks along the cells of the texture are faint in colour, but a grid in relief read off it.
+    """
+    base = nn.functional.interpolate(texture, scale_factor=float(SCALE), mode="bicubic", align_corners=False)
+    return (base + detail).clamp(-1.0, 1.0)
+
+
+class RcanTail(nn.Module):
+    """Features and noise at the small size -> detail of the texture at eight times the size.
+
+    Attributes:
+        margin: small pixels at each side that the result is without: 0 where it is trained.
+    """
+
+    halo = 2
+    """Small pixels: convolutions 1 + 1/2 + 1/4 + 1/4."""
+    margin = 0
 
     def __init__(self, size: RcanSize) -> None:
         super().__init__()
@@ -103,11 +117,11 @@ class RcanTail(nn.Module):
         self.eight = shuffle_head(second, 3, gain=0.1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, features + noise + 3, h, w) -> (N, 3, 8h, 8w)."""
-        texture = x[:, -3:]
-        y = self.act(self.twice(x[:, :-3]))
+        """(N, features + noise, h, w) -> (N, 3, 8h, 8w)."""
+        y = self.act(self.twice(x))
         y = self.act(self.four(y))
         y = self.act(self.refine(y))
-        # Not bilinear: its kinks along the cells of the texture are faint in colour, but a grid in relief read off it.
-        base = nn.functional.interpolate(texture, scale_factor=float(SCALE), mode="bicubic", align_corners=False)
-        return cast(Tensor, (base + self.eight(y)).clamp(-1.0, 1.0))
+        last, shuffle = self.eight
+        spare = 1 if self.margin else 0  # cells beyond the result that the last convolution reads
+        y = inside(y, self.margin * SCALE // 2 - spare)
+        return cast(Tensor, shuffle(nn.functional.conv2d(y, last.weight, last.bias, padding=1 - spare)))

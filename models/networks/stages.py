@@ -8,28 +8,23 @@ import torch
 from torch import Tensor, nn
 
 from models.colour import linear, srgb
-from models.networks.blocks import rounded_up
+from models.networks.blocks import inside, rounded_up
 from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize
 from models.networks.context import DARKEST
 from models.networks.translator import Translator, TranslatorSize
 from service.colour import LUMA
-from service.runtime.network_registry import CONTEXT, DEPTH, MASK, REGISTRY, TEXTURE
+from service.runtime.network_registry import CONTEXT, DEPTH, FINE, FINE_GAIN, FINE_WINDOW, MASK, REGISTRY, TEXTURE
 
 
 def planes_of(name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the planes that a network takes, and of those that it gives.
+    """Names of the planes that a network is made for, without what is found from them, and of those that it gives.
 
     Raises:
         StopIteration: there is no network of that name.
     """
-    return next((one.channels, one.outputs) for one in REGISTRY if one.name == name)
+    row = next(one for one in REGISTRY if one.name == name)
+    return tuple(channel for channel in row.channels if channel not in FINE), row.outputs
 
-
-WINDOW = 17
-"""Texels (odd) over which the mean is taken that detail is measured from: about 1.2 mm."""
-
-DETAIL_GAIN = 10.0
-"""Pores are a few codes deep; so enlarged they are as large as the other inputs."""
 
 STEEPEST = 3.0
 """Largest slope of a predicted normal along each axis: 72 degrees."""
@@ -37,51 +32,72 @@ STEEPEST = 3.0
 
 def detail_of(grey: Tensor) -> Tensor:
     """(N, 1, H, W) difference from the mean of the neighbourhood; columns first, then rows, which is far fewer sums."""
-    half = WINDOW // 2
-    mean = nn.functional.avg_pool2d(grey, (WINDOW, 1), stride=1, padding=(half, 0), count_include_pad=False)
-    mean = nn.functional.avg_pool2d(mean, (1, WINDOW), stride=1, padding=(0, half), count_include_pad=False)
+    half = FINE_WINDOW // 2
+    mean = nn.functional.avg_pool2d(grey, (FINE_WINDOW, 1), stride=1, padding=(half, 0), count_include_pad=False)
+    mean = nn.functional.avg_pool2d(mean, (1, FINE_WINDOW), stride=1, padding=(0, half), count_include_pad=False)
     return grey - mean
 
 
 BodySize = TranslatorSize | CoarseToFineSize
 
 
-def _body(detail: int, channels: int, out: int, size: BodySize, added: int) -> Translator | CoarseToFine:
+def _body(detail: int, slow: int, out: int, size: BodySize) -> Translator | CoarseToFine:
     if isinstance(size, TranslatorSize):
-        return Translator(detail + added, channels - detail, out, size, added)
-    return CoarseToFine(channels + added, out, size)
+        return Translator(detail, slow, out, size)
+    return CoarseToFine(detail + slow, out, size)
 
 
 class StageNet(nn.Module):
     """A body between named channels.
+
+    In the service it is given the enlarged detail before its other channels (``prepared``), and what it says is not
+    ``finished``: both are faster beside the network than in it.
 
     Attributes:
         channels: names of the input channels in order; values as in ``service`` (all about [-1, 1]).
         outputs: names of the output channels.
         detail: how many of the first channels carry detail of single texels.
         grey: share of each of the first channels in the grey whose enlarged detail the body gets too; empty for none.
+        margin: input pixels at each side that the result in the service is without, a multiple of the stride; None
+            where it is trained.
     """
 
     channels: tuple[str, ...]
     outputs: tuple[str, ...]
     detail: int
     grey: tuple[float, ...] = ()
+    margin: int | None = None
 
     def __init__(self, size: BodySize, out: int) -> None:
         super().__init__()
         added = 1 if self.grey else 0
-        self.body = _body(self.detail, len(self.channels), out, size, added)
-        self.reach = WINDOW // 2 if added else 0
+        self.body = _body(self.detail + added, len(self.channels) - self.detail, out, size)
+        self.reach = FINE_WINDOW // 2 if added else 0
         shares = torch.zeros(1, len(self.channels), 1, 1)
         shares[0, : len(self.grey), 0, 0] = torch.tensor(self.grey)
-        self.register_buffer("shares", shares * DETAIL_GAIN, persistent=False)
+        self.register_buffer("shares", shares * FINE_GAIN, persistent=False)
+
+    def prepared(self, x: Tensor) -> Tensor:
+        """The channels (N, C, H, W) with their enlarged detail before them -> (N, 1 + C, H, W), where it is wanted."""
+        if not self.grey:
+            return x
+        return torch.cat([detail_of(nn.functional.conv2d(x, cast(Tensor, self.shares))), x], 1)
+
+    def said(self, x: Tensor) -> Tensor:
+        """What a network makes of its ``prepared`` channels."""
+        raise NotImplementedError
+
+    def finished(self, said: Tensor) -> Tensor:
+        """The outputs of the trained network."""
+        return said
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, C, H, W) -> (N, K, H, W); in the service, without a margin, of ``prepared`` channels what is ``said``."""
+        return self.finished(self.said(self.prepared(x))) if self.margin is None else self.said(x)
 
     def looked_at(self, x: Tensor) -> Tensor:
-        """What the body makes of the channels (N, C, H, W) and of their detail -> (N, out, H, W)."""
-        if not self.grey:
-            return cast(Tensor, self.body(x))
-        # By a convolution: runtimes are slow at picking single planes.
-        return cast(Tensor, self.body(x, detail_of(nn.functional.conv2d(x, cast(Tensor, self.shares)))))
+        """What the body makes of its ``prepared`` channels -> (N, out, H, W) without the margin."""
+        return cast(Tensor, self.body(x, self.margin or 0))
 
     @property
     def stride(self) -> int:
@@ -106,10 +122,11 @@ class Delta(StageNet):
     def __init__(self, size: BodySize) -> None:
         super().__init__(size, 3)
 
-    def forward(self, x: Tensor) -> Tensor:
+    def said(self, x: Tensor) -> Tensor:
         """(N, 14, H, W) -> (N, 3, H, W)."""
-        light = x[:, 3:6] + self.looked_at(x)
-        texture = linear(x[:, :3] * 0.5 + 0.5).clamp(min=DARKEST)
+        own = inside(x, self.margin or 0)
+        light = own[:, 3:6] + self.looked_at(x)
+        texture = linear(own[:, :3] * 0.5 + 0.5).clamp(min=DARKEST)
         return srgb(texture * torch.exp(-light.clamp(-4.0, 4.0))) * 2.0 - 1.0
 
 
@@ -129,13 +146,13 @@ class Psi(StageNet):
     def __init__(self, size: BodySize) -> None:
         super().__init__(size, 1)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(N, 6, H, W) -> (N, 1, H, W)."""
+    def said(self, x: Tensor) -> Tensor:
+        """(N, 1 + 6, H, W) -> (N, 1, H, W)."""
         return torch.tanh(self.looked_at(x))
 
 
 class NormalNet(StageNet):
-    """Predicts slopes, so that every output is a unit normal that faces outwards."""
+    """Predicts slopes, so that every output is a unit normal that faces outwards; in the service, the slopes."""
 
     detail = 1
     grey = (1.0,)
@@ -143,11 +160,14 @@ class NormalNet(StageNet):
     def __init__(self, size: BodySize) -> None:
         super().__init__(size, 2)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(N, C, H, W) -> (N, 3, H, W) unit normals in the mesh's tangent space, +Y up."""
-        slopes = STEEPEST * torch.tanh(self.looked_at(x) / STEEPEST)
-        length = torch.rsqrt(slopes.square().sum(1, keepdim=True) + 1.0)
-        return cast(Tensor, torch.cat([slopes * length, length], 1))
+    def said(self, x: Tensor) -> Tensor:
+        """(N, 1 + C, H, W) -> (N, 2, H, W) x and y over z of normals in the mesh's tangent space, +Y up."""
+        return STEEPEST * torch.tanh(self.looked_at(x) / STEEPEST)
+
+    def finished(self, said: Tensor) -> Tensor:
+        """(N, 2, H, W) -> (N, 3, H, W) unit normals."""
+        length = torch.rsqrt(said.square().sum(1, keepdim=True) + 1.0)
+        return torch.cat([said * length, length], 1)
 
 
 class Rho(NormalNet):

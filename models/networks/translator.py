@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import cast
 
 import torch
 from torch import Tensor, nn
 
-from models.networks.blocks import Residual, Up, activation, initialise, rounded_up, shuffle_head
+from models.networks.blocks import Residual, Up, activation, initialise, inside, rounded_up, shuffle_head
 
 
 @dataclass(frozen=True)
@@ -32,29 +33,26 @@ class Stem(nn.Conv2d):
     are linear, so they run as one 6 x 6 convolution of stride 2: runtimes pass over the full-size planes once.
     """
 
-    def __init__(self, detail: int, slow: int, width: int, added: int = 0) -> None:
+    def __init__(self, detail: int, slow: int, width: int) -> None:
         super().__init__(4 * detail + slow, width, 3, padding=1)
-        self.detail, self.added = detail, added
+        self.detail = detail
 
-    def forward(self, x: Tensor, added: Tensor | None = None) -> Tensor:
-        """The first channels (N, added, H, W), if any come apart, and the others -> (N, width, H / 2, W / 2)."""
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, detail + slow, H, W) -> (N, width, H / 2, W / 2)."""
         fast, slow = self.weight[:, : 4 * self.detail], self.weight[:, 4 * self.detail :]
         spread = nn.functional.interpolate(slow, scale_factor=2.0, mode="nearest") * 0.25
         kernel = torch.cat([nn.functional.pixel_shuffle(fast, 2), spread], 1)
-        if added is None:
-            return nn.functional.conv2d(x, kernel, self.bias, stride=2, padding=2)
-        y = nn.functional.conv2d(x, kernel[:, self.added :], self.bias, stride=2, padding=2)
-        return y + nn.functional.conv2d(added, kernel[:, : self.added], stride=2, padding=2)
+        return nn.functional.conv2d(x, kernel, self.bias, stride=2, padding=2)
 
 
 class Translator(nn.Module):
-    """Detail channels and slow channels -> output channels; the first ``added`` of the former come apart."""
+    """Detail channels and slow channels -> output channels."""
 
-    def __init__(self, detail: int, slow: int, out: int, size: TranslatorSize, added: int = 0) -> None:
+    def __init__(self, detail: int, slow: int, out: int, size: TranslatorSize) -> None:
         super().__init__()
         widths, blocks = size.widths, size.blocks
         self.size = size
-        self.stem = Stem(detail, slow, widths[0], added)
+        self.stem = Stem(detail, slow, widths[0])
         self.down = nn.ModuleList()
         self.before = nn.ModuleList()
         self.up = nn.ModuleList()
@@ -71,19 +69,36 @@ class Translator(nn.Module):
         initialise(self)
         self.head = shuffle_head(widths[0], out)
 
-    def forward(self, x: Tensor, added: Tensor | None = None) -> Tensor:
-        """``added`` and x, together (N, detail + slow, H, W) -> (N, out, H, W); H, W multiples of ``size.stride``."""
-        y = self.act(self.stem(x, added))
+    def forward(self, x: Tensor, margin: int = 0) -> Tensor:
+        """(N, detail + slow, H, W) -> (N, out, H, W) without ``margin`` pixels at each side; these, H and W are
+        multiples of ``size.stride``.
+
+        The way up sees no more beyond the result than it reaches itself: its largest planes are its last.
+        """
+        levels = len(self.size.widths)
+        around = [margin // 2 ** (level + 1) for level in range(levels)]
+        reach = self.reach() if margin else [0] * levels
+        y = self.act(self.stem(x))
         kept = []
         for before, down in zip(self.before, self.down, strict=True):
             y = before(y)
             kept.append(y)
             y = self.act(down(y))
-        y = self.bottom(y)
+        y = inside(self.bottom(y), around[-1] - reach[-1])
         for i in reversed(range(len(kept))):
-            y = self.act(self.merge[i](torch.cat([self.act(self.up[i](y)), kept[i]], 1)))
-            y = self.after[i](y)
-        return cast(Tensor, self.head(y))
+            wide = 2 * reach[i + 1]
+            y = torch.cat([self.act(self.up[i](y)), inside(kept[i], around[i] - wide)], 1)
+            y = inside(self.after[i](self.act(self.merge[i](y))), wide - reach[i])
+        last, shuffle = self.head
+        # One cell less at each side than without a margin: what lies beyond is not computed, and nothing is cut off.
+        return cast(Tensor, shuffle(nn.functional.conv2d(y, last.weight, last.bias, padding=1 - reach[0])))
+
+    def reach(self) -> list[int]:
+        """Cells beyond the result, at 1/2, 1/4, 1/8, ... of the resolution, that the way up from there looks at."""
+        found = [1]
+        for count in self.size.blocks[:-1]:
+            found.append(math.ceil((found[-1] + count * Residual.radius + 1) / 2))
+        return found
 
     def halo(self) -> int:
         """Input pixels beyond which nothing matters, rounded up to the stride.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -20,6 +20,9 @@ from torch.nn import functional
 
 from models.colour import linear, srgb
 from models.lightstage.tones import TONES, tone
+from models.networks.configs import NETWORKS, build
+from models.networks.rcan import with_detail
+from models.networks.stages import StageNet
 from models.tables import write_between
 from models.training.albedo import unlit
 from models.training.context import ContextTask, best_gain
@@ -48,11 +51,15 @@ class Shipped(nn.Module):
     def __init__(self, name: str, folder: Path) -> None:
         super().__init__()
         self.name, self.engine = name, Engine(threads=1, folder=folder)
+        like = build(name) if name in NETWORKS else None
+        self.prepared = like.prepared if isinstance(like, StageNet) else nn.Identity()
+        self.finished = like.finished if isinstance(like, StageNet) else nn.Identity()
 
     def forward(self, maps: Tensor) -> Tensor:
         """(N, C, h, w) -> (N, K, h', w')."""
         with open_network(self.name, self.engine) as network:
-            return torch.stack([torch.from_numpy(network.run(item.numpy())) for item in maps])
+            around = nn.functional.pad(self.prepared(maps), (network.description.margin,) * 4, "reflect")
+            return self.finished(torch.stack([torch.from_numpy(network.run(item.numpy())) for item in around]))
 
 
 class ShippedZeta(nn.Module):
@@ -64,7 +71,7 @@ class ShippedZeta(nn.Module):
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
         """(N, 7, h, w) and noise -> (N, 3, 8h, 8w)."""
-        return cast(Tensor, self.tail(torch.cat([self.body(maps), noise, maps[:, :3]], 1)))
+        return with_detail(maps[:, :3], self.tail(torch.cat([self.body(maps), noise], 1)))
 
 
 def flat_colour(texture: Tensor, albedo: Tensor, mask: Tensor) -> float:

@@ -20,6 +20,7 @@ from service.arrays import AnyFloat, Float32
 from service.colour import FULL_CODE, LUMA, Codes, decode_in_place, from_codes
 from service.errors import ModelFault
 from service.image_filters import resized
+from service.runtime.network_registry import FINE, FINE_GAIN, FINE_WINDOW
 from service.runtime.tiles import Indices
 
 
@@ -162,6 +163,16 @@ class Planes:
             lambda size: from_codes(resized(codes, size)),
         )
 
+    def add_fine(self, name: str) -> None:
+        """Add one of ``FINE``, of a grey that is there."""
+        grey = self.channels[FINE[name]]
+
+        def read(rows: Indices, columns: Indices, into: Float32) -> None:
+            grey.read(rows, columns, into)
+            into[...] = _fine(into)
+
+        self.channels[name] = Channel(read, lambda size: _fine(grey.shrunk(size)))
+
     def add_full(self, names: Sequence[str], values: AnyFloat) -> None:
         """Add the channels of a (C, H, W) array, unchanged but for float32."""
         for name, plane in zip(names, np.asarray(values, np.float32), strict=True):
@@ -210,6 +221,11 @@ class Planes:
             there = ", ".join(sorted(self.channels))
             raise ModelFault(f"no channel {missing[0]!r}, which a network reads; there are {there}")
         return [self.channels[name] for name in names]
+
+
+def _fine(grey: Float32) -> Float32:
+    mean = cv2.blur(grey, (FINE_WINDOW, FINE_WINDOW))
+    return np.asarray(cv2.addWeighted(grey, FINE_GAIN, mean, -FINE_GAIN, 0), np.float32)
 
 
 def _read_codes(plane: Codes, rows: Indices, columns: Indices, into: Float32) -> None:

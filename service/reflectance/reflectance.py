@@ -56,7 +56,15 @@ from service.reflectance.relief.normal_inputs import (
 )
 from service.reflectance.subject import Subject
 from service.reflectance.translate import Grain, MapInputs, enlarge, resample, specular_albedo, tangent_normals
-from service.runtime.network_registry import CLUES, DRAWN_DETAIL, GEOMETRY, PARTS, SHADED_GREY
+from service.runtime.network_registry import (
+    CLUES,
+    DRAWN_DETAIL,
+    FINE_ALBEDO,
+    FINE_SHADED,
+    GEOMETRY,
+    PARTS,
+    SHADED_GREY,
+)
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.sessions import release
 from service.runtime.tiles import DEFAULT_TILE, SMALL_MAP
@@ -191,7 +199,7 @@ def _by_networks(
         small = Planes((texture.shape[1], texture.shape[0]))
         small.add_codes("texture", source)
         small.add_coarse(GEOMETRY, geometry)
-        source = run("super_resolution", lambda told: enlarge(small, Grain(seed, detail), engine, tile, told))
+        source = run("super_resolution", lambda told: enlarge(source, small, Grain(seed, detail), engine, tile, told))
         del small
     planes = Planes(size)
     planes.add_coarse(GEOMETRY, geometry)
@@ -237,8 +245,10 @@ def _by_networks(
         planes.drop("texture")
         del full
         planes.add_codes("albedo", albedo)
+        planes.add_fine(FINE_ALBEDO)
         if grey is not None:
             planes.add_grey(SHADED_GREY, grey)
+            planes.add_fine(FINE_SHADED)
             seen, octaves = None if own is None else own.all_seen, () if found is None else found.octaves
             drawn = drawn_detail(seen, octaves, detail if "super_resolution" in plan.stages else 0.0)
             planes.add_coarse([DRAWN_DETAIL], drawn[None])

@@ -86,6 +86,15 @@ class Reflectance:
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
 
+def pack_slopes(x: Float32, y: Float32) -> npt.NDArray[np.int16]:
+    """(..., 2) int16 codes of x and y of unit normals, from x / z and y / z."""
+    scale = np.float32(NORMAL_ONE) / np.sqrt(x * x + y * y + 1)
+    result = np.zeros((*x.shape, 2), np.int16)
+    for axis, part in enumerate((x, y)):
+        np.rint(part * scale, out=result[..., axis], casting="unsafe")
+    return result
+
+
 def unpack_normals(codes: npt.NDArray[np.int16] | Float32) -> Float32:
     """(..., 3) float32 unit normals from (..., 2) codes of x and y, or from means of codes; each axis is one block."""
     x, y = (codes[..., axis] * np.float32(1 / NORMAL_ONE) for axis in (0, 1))

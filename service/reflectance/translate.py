@@ -3,7 +3,8 @@
 Translated in tiles are the specular albedo, by psi, and the tangent-space normals for specular and for diffuse
 reflection, by rho and sigma (AvatarMe, section 4.3). zeta is super-resolution of the texture of 576 x 384 by a factor
 of 8 (section 4.2; RCAN, Zhang et al. 2018): channel attention averages over the whole map, so the body of the network
-runs on the map at once; the upsampling tail has a receptive field of a few texels and runs in tiles.
+runs on the map at once; the upsampling tail has a receptive field of a few texels and runs in tiles. It gives what is
+added to a bicubic enlargement.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Bool, Float32, UInt8
-from service.colour import Codes, to_codes
+from service.colour import Codes, from_codes, to_codes
 from service.errors import ModelFault
 from service.image_filters import STRIP, shrunk, strips
 from service.reflectance.planes import Planes
-from service.reflectance.reflectance_maps import NORMAL_ONE
+from service.reflectance.reflectance_maps import NORMAL_ONE, pack_slopes
 from service.runtime.network_registry import COVERED, NOISE, networks_of
 from service.runtime.networks import Engine, open_network
 from service.runtime.tiles import DEFAULT_TILE, Tile, run_tiles, run_whole
@@ -127,9 +128,9 @@ def tangent_normals(stage: str, job: MapInputs) -> npt.NDArray[np.int16]:
         if covered is not None:
             rows, columns = (np.arange(s.start, s.stop) for s in place)
             bare = skin * (1 - np.clip(covered(rows, columns)[0], 0, 1))
-        result[place] = pack_normals(bare * values[0], bare * values[1], bare * values[2] + (1 - bare))
+        result[place] = pack_slopes(bare * values[0], bare * values[1])
 
-    translate(networks_of(stage)[-1], job, 3, keep, where)
+    translate(networks_of(stage)[-1], job, 2, keep, where)
     return result
 
 
@@ -173,15 +174,18 @@ class Grain:
     strength: float = 1.0
 
 
-def enlarge(planes: Planes, grain: Grain, engine: Engine, tile: int, progress: Progress = lambda done: None) -> Codes:
-    """(8 H, 8 W, 3) codes of a texture of (H, W) texels; the factor 8 is the network's.
+def enlarge(
+    texture: Codes, planes: Planes, grain: Grain, engine: Engine, tile: int, progress: Progress = lambda done: None
+) -> Codes:
+    """(8 H, 8 W, 3) codes of a texture (H, W, 3); the factor 8 is the network's.
 
     A texel of the texture covers dozens of pores that it does not show. A network with channels ``noise_*`` synthesises
     them from that noise: normally distributed, the same for the same seed. With strength 0 the result is the network's
     smooth, most likely texture.
 
     Args:
-        planes: ``texture_*`` and geometry, of the size that the networks were made for.
+        texture: codes, of the size that the networks were made for.
+        planes: ``texture_*`` and geometry of that size.
         grain: seed and strength of the noise.
         engine: what to run on.
         tile: inner side of tiles in texels of the result.
@@ -202,10 +206,11 @@ def enlarge(planes: Planes, grain: Grain, engine: Engine, tile: int, progress: P
         if len(tail.description.outputs) != 3:
             raise ModelFault(f"network {TAIL} gives {tail.description.outputs}; it has to give red, green and blue")
         add_noise(planes, tail.description.channels, grain)
-        result = np.zeros((height * scale, width * scale, 3), np.uint16)
+        result = resample(texture, (width * scale, height * scale))
 
         def write(one: Tile, values: Float32) -> None:
-            result[one.scaled(scale)] = np.moveaxis(to_codes(values), 0, 2)
+            part = result[one.scaled(scale)]
+            part[:] = to_codes(from_codes(part) + np.moveaxis(values, 0, 2))
 
         def told(done: float) -> None:
             progress(BODY_SHARE + (1 - BODY_SHARE) * done)

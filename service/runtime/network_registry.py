@@ -27,6 +27,16 @@ CONTEXT = ("context_0", "context_1", "context_2")
 SHADED_GREY = "shaded_grey"
 """Grey texture divided by its smooth light: fine shading stays."""
 
+FINE_ALBEDO, FINE_SHADED = "albedo_fine", "shaded_fine"
+FINE = {FINE_ALBEDO: "albedo_grey", FINE_SHADED: SHADED_GREY}
+"""``FINE_GAIN`` times what a grey differs by from its mean over ``FINE_WINDOW`` texels around, and that grey."""
+
+FINE_WINDOW = 17
+"""Texels (odd): about 1.2 mm."""
+
+FINE_GAIN = 10.0
+"""Pores are a few codes deep; so enlarged they are as large as other planes."""
+
 DRAWN_DETAIL = "drawn_detail"
 """How far fine detail was drawn by super-resolution: -1 where all of it is the photo's, 1 where all is drawn."""
 
@@ -97,7 +107,7 @@ REGISTRY = (
     RegisteredNetwork(
         "zeta_body", "enlarges the texture", "super_resolution", (*TEXTURE, *POSITION, *MASK), ("features",)
     ),
-    RegisteredNetwork("zeta_tail", "enlarges the texture", "super_resolution", TEXTURE, TEXTURE),
+    RegisteredNetwork("zeta_tail", "enlarges the texture", "super_resolution", (), TEXTURE),
     RegisteredNetwork(
         "delta_context", "sees the light of the whole texture", "diffuse_albedo",
         (*TEXTURE, *EYES, *DEPTH, *OBJECT, *POSITION, LIT), CONTEXT,
@@ -107,15 +117,15 @@ REGISTRY = (
         (*TEXTURE, *CONTEXT, *DEPTH, *OBJECT, *POSITION, *MASK), ALBEDO,
     ),
     RegisteredNetwork(
-        "psi", "diffuse to specular albedo", "specular_albedo", (*ALBEDO, *POSITION), ("specular_albedo",)
+        "psi", "diffuse to specular albedo", "specular_albedo", (FINE_ALBEDO, *ALBEDO, *POSITION), ("specular_albedo",)
     ),
     RegisteredNetwork(
         "rho", "diffuse albedo to specular normals", "specular_normal",
-        (SHADED_GREY, *TANGENT, *POSITION, DRAWN_DETAIL), tuple(f"specular_normal_{axis}" for axis in "xyz"),
+        (FINE_SHADED, SHADED_GREY, *TANGENT, *POSITION, DRAWN_DETAIL), ("specular_slope_x", "specular_slope_y"),
     ),
     RegisteredNetwork(
         "sigma", "diffuse albedo to diffuse normals", "diffuse_normal",
-        (SHADED_GREY, *OBJECT, *POSITION, DRAWN_DETAIL), tuple(f"diffuse_normal_{axis}" for axis in "xyz"),
+        (FINE_SHADED, SHADED_GREY, *OBJECT, *POSITION, DRAWN_DETAIL), ("diffuse_slope_x", "diffuse_slope_y"),
     ),
 )  # fmt: skip
 """In the order in which they run; Greek letters as in AvatarMe, figure 3."""

@@ -50,23 +50,22 @@ from service.runtime.sessions import (
 
 KEY = "description"
 
-DEEP = 64
-"""Halo from which on a network counts as deep."""
-
 _Count = Annotated[int, Strict(), Ge(1)]
 _Names = Annotated[tuple[str, ...], MinLen(1)]
 
 
 @dataclass(frozen=True)
 class Description:
-    """One network that maps planes to planes: input "maps" (1, C, H, W), output "result" (1, K, scale H, scale W).
+    """One network that maps planes to planes: input "maps" (1, C, H, W), output "result" (1, K, scale (H - 2 margin),
+    scale (W - 2 margin)).
 
     Attributes:
         network: role, for example "rho".
         channels: C names of the input planes in order.
         outputs: K names of the output planes in order; or one name for any number of planes of a kind.
         stride: H and W have to be multiples of it.
-        halo: input pixels at each side beyond which nothing matters, a multiple of ``stride``.
+        margin: input pixels at each side that the result is without: what lies beyond hardly matters to it. A multiple
+            of ``stride``.
         scale: output pixels per input pixel.
         whole: (width, height) of an input that is never cut into tiles; None for tiles of any size.
     """
@@ -75,18 +74,9 @@ class Description:
     channels: _Names
     outputs: _Names
     stride: _Count = 1
-    halo: Annotated[int, Strict(), Ge(0)] = 0
+    margin: Annotated[int, Strict(), Ge(0)] = 0
     scale: _Count = 1
     whole: tuple[_Count, _Count] | None = None
-
-    @property
-    def margin(self) -> int:
-        """Input pixels around a tile that are read: ``halo``, of deep networks three quarters of it.
-
-        What lies at the edge of a deep network's receptive field hardly counts (Luo et al. 2016): beyond three quarters
-        no result of the networks in the box moves by more than a tenth of an 8-bit step.
-        """
-        return self.halo * 3 // 4 // self.stride * self.stride if self.halo >= DEEP else self.halo
 
     def planes(self, count: int) -> tuple[str, ...]:
         """Names of ``count`` output planes: ``outputs``, or the one name numbered from 0 where there are several."""
@@ -105,8 +95,8 @@ class Description:
             found = TypeAdapter(cls).validate_json(text)
         except ValidationError as error:
             raise ModelFault(f"model {name}: its description cannot be read ({error}): {text[:200]!r}") from error
-        if found.halo % found.stride:
-            raise ModelFault(f"model {name}: halo {found.halo} is not a multiple of its stride {found.stride}")
+        if found.margin % found.stride:
+            raise ModelFault(f"model {name}: margin {found.margin} is not a multiple of its stride {found.stride}")
         return found
 
 
@@ -196,7 +186,7 @@ class Network:
         return self.engine.lanes(self.description)
 
     def run(self, maps: Float32) -> Float32:
-        """(K, scale H, scale W) float32 of (C, H, W) float32, H and W multiples of the stride.
+        """(K, ...) float32, the result without the margin, of (C, H, W) float32, H and W multiples of the stride.
 
         Raises:
             ModelFault: the input or the output does not have the shape that the description promises, or the runtime
@@ -221,7 +211,8 @@ class Network:
         if not result.size:  # what OpenVINO gives, without a word, where it gets no memory for the result
             raise OutOfMemory(f"the network {self.name} got no memory for its result on maps {maps.shape}")
         names = what.planes(result.shape[1] if result.ndim == 4 else 0)
-        expected = (1, len(names), height * what.scale, width * what.scale)
+        tall, wide = ((side - 2 * what.margin) * what.scale for side in (height, width))
+        expected = (1, len(names), tall, wide)
         if result.shape != expected:
             raise ModelFault(f"network {self.name} gave {result.shape}; its description promises {expected}")
         require_finite(self.name, "output", dict(zip(names, result[0], strict=True)))

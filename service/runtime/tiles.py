@@ -1,7 +1,7 @@
 """A network over a map of any size, in tiles whose result is that of the whole.
 
-A tile is read with a margin about as wide as the network looks, computed, and only its inside is kept, so no pixel
-knows about tiles. At the border of the map the margin is the map's own mirror image, also where there is only one tile.
+A tile is read with a margin about as wide as the network looks, of which the result is without, so no pixel knows about
+tiles. At the border of the map the margin is the map's own mirror image, also where there is only one tile.
 Tile origins are multiples of the network's stride, because down-sampling makes a network's output depend on that phase.
 """
 
@@ -113,19 +113,13 @@ def run_tiles(
     def work(one: Tile) -> None:
         rows = reflected(size[1], *_window(one.top, one.bottom, what))
         columns = reflected(size[0], *_window(one.left, one.right, what))
-        write(one, _inside(network.run(read(rows, columns)), one, what))
+        tall, wide = (one.bottom - one.top) * what.scale, (one.right - one.left) * what.scale
+        write(one, network.run(read(rows, columns))[:, :tall, :wide])
 
     with ThreadPoolExecutor(network.lanes) as pool:
         for index, _ in enumerate(pool.map(work, todo)):
             progress((index + 1) / len(todo))
     network.large |= size[0] * size[1] > SMALL_MAP
-
-
-def _inside(result: Float32, one: Tile, what: Description) -> Float32:
-    """The result of a tile without its halo."""
-    tall, wide = one.bottom - one.top, one.right - one.left
-    rows, columns = Tile(what.margin, what.margin, what.margin + tall, what.margin + wide).scaled(what.scale)
-    return result[:, rows, columns]
 
 
 def run_whole(network: Network, maps: Float32) -> Float32:

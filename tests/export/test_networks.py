@@ -39,7 +39,8 @@ def test_the_service_runs_what_was_trained(network: str, tmp_path: Path) -> None
     for part in parts_of(network, rounded(module)):
         with open_network(part.name, Engine(threads=1, folder=tmp_path / "models")) as shipped:
             what = shipped.description
-            height, width = part.sizes[0] if what.whole else (what.stride * 5, what.stride * 9)
+            inner = (what.stride * 5, what.stride * 9)
+            height, width = part.sizes[0] if what.whole else (side + 2 * what.margin for side in inner)
             maps = np.random.default_rng(0).uniform(-1, 1, (len(what.channels), height, width)).astype(np.float32)
             with torch.no_grad():
                 expected = part.module(torch.from_numpy(maps)[None])[0].numpy()
@@ -48,13 +49,13 @@ def test_the_service_runs_what_was_trained(network: str, tmp_path: Path) -> None
 
 
 def test_a_file_says_what_it_is(tmp_path: Path) -> None:
-    """The service reads channels, stride and halo from the file alone."""
+    """The service reads channels, stride and margin from the file alone."""
     (part,) = parts_of("rho", build("rho", "slim").eval())
     model = to_onnx(part)
     text = next(p.value for p in model.metadata_props if p.key == KEY)
     found = Description.parse(text, "rho")
-    assert json.loads(text)["network"] == "rho" and found.halo % found.stride == 0
-    assert found.outputs == ("specular_normal_x", "specular_normal_y", "specular_normal_z")
+    assert json.loads(text)["network"] == "rho" and found.margin % found.stride == 0
+    assert found.outputs == ("specular_slope_x", "specular_slope_y")
 
 
 def test_the_kernels_of_every_convolution_are_known_when_the_file_is_loaded(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from service.reflectance.reflectance_plan import ReflectancePlan
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import toy_folder
 
-TILED = {"zeta_tail": (4, 8), "delta": (120, 1), "psi": (88, 1), "rho": (120, 1), "sigma": (88, 1)}
+TILED = {"zeta_tail": (2, 8), "delta": (88, 1), "psi": (72, 1), "rho": (96, 1), "sigma": (72, 1)}
 SPEED = Speed(
     yardstick=0.03,
     transform=0.03,

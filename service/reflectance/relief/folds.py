@@ -28,7 +28,7 @@ from service.geometry.chart import Chart
 from service.head.regions import vertex_mask
 from service.image_filters import blurred, each_around, most, shrunk
 from service.reflectance.planes import read_window
-from service.reflectance.reflectance_maps import NORMAL_ONE, Wrinkle, unpack_normals
+from service.reflectance.reflectance_maps import Wrinkle, pack_slopes, unpack_normals
 from service.robust import smoothstep
 
 
@@ -231,7 +231,7 @@ def wrinkles_of(fold: Float32, creases: Creases) -> tuple[Wrinkle, ...]:
         here = group == list(GROUPS).index(name)
         own = [np.where(here, slope, np.float32(0)) for slope in np.moveaxis(fold, 2, 0)]
         if max(float(np.abs(slope).max()) for slope in own) > LEAST_SLOPE:
-            wrinkles.append(Wrinkle(name, units, _codes(np.dstack(own))))
+            wrinkles.append(Wrinkle(name, units, pack_slopes(-own[0], -own[1])))
     return tuple(wrinkles)
 
 
@@ -326,12 +326,6 @@ def _band(plane: Float32) -> Float32:
     return blurred(plane, FINEST * texels) - blurred(plane, COARSEST * texels)
 
 
-def _codes(slopes: Float32) -> npt.NDArray[np.int16]:
-    """(h, w, 2) int16 normals of slopes (h, w, 2)."""
-    length = np.sqrt(1 + np.einsum("hwi,hwi->hw", slopes, slopes))[..., None]
-    return np.asarray(np.rint(-slopes / length * NORMAL_ONE), np.int16)
-
-
 def unfolded(codes: npt.NDArray[np.int16], fold: Float32) -> npt.NDArray[np.int16]:
     """(H, W, 2) int16 normals, changed in place, less the slopes (h, w, 2) of :func:`folds_in`; texels without any stay
     as they are.
@@ -341,8 +335,9 @@ def unfolded(codes: npt.NDArray[np.int16], fold: Float32) -> npt.NDArray[np.int1
         own = codes[rows, columns]
         x, y, z = np.moveaxis(unpack_normals(own), 2, 0)
         less = read_window(np.moveaxis(fold, 2, 0), codes.shape[1::-1], rows, columns)
-        steep = -np.dstack([x, y]) / np.maximum(z, 0.05)[..., None] - less
-        codes[rows, columns] = np.where(most(np.abs(less))[..., None] > 0, _codes(steep), own)
+        z = np.maximum(z, np.float32(0.05))
+        changed = pack_slopes(x / z + less[..., 0], y / z + less[..., 1])
+        codes[rows, columns] = np.where(most(np.abs(less))[..., None] > 0, changed, own)
 
     each_around(most(np.abs(fold)) > 0, codes.shape, unfold)
     return codes

@@ -42,7 +42,7 @@ SEAM = 2 / 255 / 10
 
 @pytest.mark.parametrize("name", TRANSLATORS)
 def test_tiles_equal_the_whole(name: str) -> None:
-    """A halo shorter than what the trained weights use, or a norm over the tile, would show as seams."""
+    """A margin shorter than what the trained weights use, or a norm over the tile, would show as seams."""
     with open_network(name, ENGINE) as network:
         maps = like_maps(network.description.channels, 320, 440)
         whole = untiled(network, maps)
@@ -51,8 +51,10 @@ def test_tiles_equal_the_whole(name: str) -> None:
 
 
 def degrees_apart(one: Float, other: Float) -> Float:
-    """Angles between the vectors of two maps (3, h, w)."""
-    return np.asarray(degrees(np.moveaxis(one, 0, 2), np.moveaxis(other, 0, 2)), np.float32)
+    """Angles between the normals of two maps of slopes (2, h, w)."""
+    normals = [np.dstack([*slopes, np.ones_like(slopes[0])]) for slopes in (one, other)]
+    units = [normal / np.linalg.norm(normal, axis=2, keepdims=True) for normal in normals]
+    return np.asarray(degrees(*units), np.float32)
 
 
 @pytest.mark.skipif(
@@ -88,15 +90,12 @@ def test_both_runtimes_agree(name: str) -> None:
 @pytest.mark.parametrize("name", TRANSLATORS)
 @pytest.mark.parametrize("value", [-1.0, 1.0, 0.3])
 def test_black_white_and_constant_maps(name: str, value: float) -> None:
-    """The logarithm of black, a constant without any detail: finite, in range, normals of unit length."""
+    """The logarithm of black, a constant without any detail: finite, in range, slopes of less than 80 degrees."""
     with open_network(name, ENGINE) as network:
         what = network.description
-        side = 8 * what.stride
+        side = 8 * what.stride + 2 * what.margin
         result = network.run(np.full((len(what.channels), side, side), value, np.float32))
-    assert np.isfinite(result).all() and np.abs(result).max() <= 1 + 1e-5
-    if len(what.outputs) == 3 and "normal" in what.outputs[0]:
-        assert np.abs(np.square(result).sum(0) - 1).max() < 1e-4
-        assert result[2].min() > 0.2
+    assert np.isfinite(result).all() and np.abs(result).max() <= (5.6 if "slope" in what.outputs[0] else 1 + 1e-5)
 
 
 def test_a_constant_map_shows_no_checkerboard() -> None:
@@ -104,10 +103,10 @@ def test_a_constant_map_shows_no_checkerboard() -> None:
     for name in ("rho", "sigma"):
         with open_network(name, ENGINE) as network:
             what = network.description
-            side = 8 * what.stride + 2 * what.halo
+            side = 8 * what.stride + 2 * what.margin
             maps = np.zeros((len(what.channels), side, side), np.float32)
             maps[[i for i, channel in enumerate(what.channels) if channel.endswith("_z")]] = 0.8
-            inside = network.run(maps)[:2, what.halo : -what.halo, what.halo : -what.halo]
+            inside = network.run(maps)
         assert inside.std((1, 2)).max() < 5e-3, name
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from service.reflectance.subject import Subject
-from service.runtime.network_registry import EYES
+from service.runtime.network_registry import EYES, FINE_ALBEDO, FINE_SHADED
 from tests.service.runtime.toynets import toy_net, write_models
 from tests.toyhead import sphere_head
 
@@ -18,7 +18,7 @@ ALBEDO = tuple(f"albedo_{c}" for c in RGB)
 POSITION = tuple(f"position_{c}" for c in "xyz")
 OBJECT = tuple(f"normal_object_{c}" for c in "xyz")
 TANGENT = tuple(f"normal_tangent_{c}" for c in "xyz")
-XYZ = ("x", "y", "z")
+XY = ("x", "y")
 
 TEXTURE_SIZE = (96, 64)
 
@@ -28,14 +28,14 @@ def toy_models() -> dict[str, bytes]:
     context = ("context_0", "context_1", "context_2")
     return {
         "zeta_body": toy_net("zeta_body", (*TEXTURE, *POSITION, "mask"), features, whole=TEXTURE_SIZE, seed=1),
-        "zeta_tail": toy_net("zeta_tail", (*features, "noise_0", *TEXTURE), RGB, scale=8, seed=2),
+        "zeta_tail": toy_net("zeta_tail", (*features, "noise_0"), RGB, scale=8, seed=2),
         "delta_context": toy_net(
             "delta_context", (*TEXTURE, *EYES, "depth", *OBJECT, "mask"), context, whole=(48, 32), seed=3
         ),
         "delta": toy_net("delta", (*TEXTURE, *context, "depth", *OBJECT, *POSITION, "mask"), ALBEDO, seed=4),
-        "psi": toy_net("psi", (*ALBEDO, *POSITION), ("specular_albedo",), seed=5),
-        "rho": toy_net("rho", ("shaded_grey", *TANGENT, *POSITION, "drawn_detail"), XYZ, seed=6),
-        "sigma": toy_net("sigma", ("shaded_grey", *OBJECT, *POSITION, "drawn_detail"), XYZ, seed=7),
+        "psi": toy_net("psi", (FINE_ALBEDO, *ALBEDO, *POSITION), ("specular_albedo",), seed=5),
+        "rho": toy_net("rho", (FINE_SHADED, "shaded_grey", *TANGENT, *POSITION, "drawn_detail"), XY, seed=6),
+        "sigma": toy_net("sigma", (FINE_SHADED, "shaded_grey", *OBJECT, *POSITION, "drawn_detail"), XY, seed=7),
     }
 
 

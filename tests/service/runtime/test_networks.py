@@ -27,7 +27,7 @@ from service.runtime.sessions import has_openvino
 from tests.service.runtime.toynets import finish, toy_net, write_models
 
 RUNTIMES_HERE: tuple[RuntimeName, ...] = ("onnxruntime", "openvino") if has_openvino() else ("onnxruntime",)
-GOOD = {"network": "n", "channels": ["a"], "outputs": ["x"], "stride": 8, "halo": 64, "scale": 1, "whole": None}
+GOOD = {"network": "n", "channels": ["a"], "outputs": ["x"], "stride": 8, "margin": 64, "scale": 1, "whole": None}
 
 
 @pytest.fixture
@@ -43,7 +43,8 @@ def engine(folder: Path) -> Engine:
     "change",
     [
         {"channels": []}, {"channels": "rgb"}, {"channels": None}, {"outputs": []}, {"stride": 0}, {"stride": 1.5},
-        {"halo": -8}, {"halo": 60}, {"scale": 0}, {"scale": True}, {"whole": [0, 3]}, {"whole": [3]}, {"network": ...},
+        {"margin": -8}, {"margin": 60}, {"scale": 0}, {"scale": True}, {"whole": [0, 3]}, {"whole": [3]},
+        {"network": ...},
     ],
 )  # fmt: skip
 def test_a_bad_description_is_a_model_fault_that_names_the_model(change: dict[str, object]) -> None:
@@ -152,7 +153,7 @@ def test_openvino_computes_the_same(folder: Path) -> None:
         open_network("one", engine(folder)) as plain,
         open_network("one", Engine("openvino", "fp32", 1, folder)) as other,
     ):
-        for shape in ((1, 16, 16), (1, 40, 24), (1, 16, 16)):
+        for shape in ((1, 48, 48), (1, 72, 56), (1, 48, 48)):
             maps = rng.uniform(-1, 1, shape).astype(np.float32)
             np.testing.assert_allclose(other.run(maps), plain.run(maps), atol=1e-4)
 
@@ -165,7 +166,7 @@ def plain(tmp_path: Path) -> Engine:
 
 def test_a_network_loaded_ahead_is_the_same_and_is_loaded_once(plain: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is opened a second time, or was not asked for, is loaded as ever."""
-    maps = np.random.default_rng(1).random((1, 16, 16), np.float32)
+    maps = np.random.default_rng(1).random((1, 48, 48), np.float32)
     with open_network("one", plain) as network:
         expected = network.run(maps)
     loaded: list[str] = []

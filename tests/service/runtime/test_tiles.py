@@ -22,7 +22,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     models = {
         "plain": toy_net("plain", ["a", "b"], ["x", "y", "z"]),
         "tail": toy_net("tail", ["a", "b"], ["x"], scale=4),
-        "short": toy_net("short", ["a", "b"], ["x"], halo=2),
+        "short": toy_net("short", ["a", "b"], ["x"], margin=2),
         "whole": toy_net("whole", ["a", "b"], ["x"], whole=(24, 16)),
     }
     return write_models(tmp_path_factory.mktemp("models"), models)
@@ -56,24 +56,23 @@ def untiled(network: Network, maps: Float) -> Float:
     """The definition: the map with its mirror image around it, computed at once, by numpy's own padding."""
     what = network.description
     odd = [-side % what.stride for side in maps.shape[1:]]
-    pads = [(0, 0), *((what.halo, what.halo + more) for more in odd)]
+    pads = [(0, 0), *((what.margin, what.margin + more) for more in odd)]
     result = network.run(np.pad(maps, pads, "reflect"))
-    margin = what.halo * what.scale
     tall, wide = (side * what.scale for side in maps.shape[1:])
-    return result[:, margin : margin + tall, margin : margin + wide]
+    return result[:, :tall, :wide]
 
 
 @pytest.mark.parametrize("name", ["plain", "tail"])
 @pytest.mark.parametrize("tile", [16, 30, 50, 1000])
 def test_every_tile_size_gives_the_whole(folder: Path, name: str, tile: int) -> None:
-    """A halo too small, an origin off the stride, or zeros instead of the mirror image at the border show here."""
+    """A margin too small, an origin off the stride, or zeros instead of the mirror image at the border show here."""
     maps = image(61, 83)
     with open_network(name, Engine(threads=1, folder=folder)) as network:
         np.testing.assert_allclose(tiled(network, maps, tile), untiled(network, maps), atol=1e-5)
 
 
-def test_a_halo_shorter_than_the_reach_would_show(folder: Path) -> None:
-    """The test above can fail: with a halo of 2 where the network looks further, tiles differ from the whole."""
+def test_a_margin_shorter_than_the_reach_would_show(folder: Path) -> None:
+    """The test above can fail: with a margin of 2 where the network looks further, tiles differ from the whole."""
     maps = image(64, 64)
     with open_network("short", Engine(threads=1, folder=folder)) as network:
         assert np.abs(tiled(network, maps, 16) - tiled(network, maps, 64)).max() > 1e-3

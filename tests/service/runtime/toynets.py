@@ -19,7 +19,7 @@ def toy_net(
     outputs: Sequence[str],
     *,
     scale: int = 1,
-    halo: int = 16,
+    margin: int = 16,
     whole: tuple[int, int] | None = None,
     seed: int = 0,
     gain: float = 1.0,
@@ -46,10 +46,13 @@ def toy_net(
     nodes.append(helper.make_node("DepthToSpace", ["middle"], ["up"], blocksize=2))
     nodes.append(helper.make_node("Add", ["up", "active"], ["both"]))
     conv("both", "last", inner, len(outputs) * scale * scale)
-    nodes.append(helper.make_node("Tanh", ["last"], ["bounded" if scale > 1 else "result"]))
-    if scale > 1:
-        nodes.append(helper.make_node("DepthToSpace", ["bounded"], ["result"], blocksize=scale))
-    return finish(nodes, initialisers, network, channels, outputs, scale=scale, halo=halo, whole=whole, stride=2)
+    nodes.append(helper.make_node("Tanh", ["last"], ["bounded"]))
+    nodes.append(helper.make_node("DepthToSpace", ["bounded"], ["all"], blocksize=scale))
+    margin = 0 if whole else margin
+    ends = {"begin": [margin * scale] * 2, "end": [-margin * scale or 2**31] * 2, "axes": [2, 3]}
+    initialisers += [numpy_helper.from_array(np.array(values), name) for name, values in ends.items()]
+    nodes.append(helper.make_node("Slice", ["all", *ends], ["result"]))
+    return finish(nodes, initialisers, network, channels, outputs, scale=scale, margin=margin, whole=whole, stride=2)
 
 
 def finish(
