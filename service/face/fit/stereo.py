@@ -28,16 +28,16 @@ from service.robust import geman_mcclure
 
 CELL_M = 0.0007
 """Side of a pixel of the pictures that are compared, metres on the face."""
-NEAR, SURROUNDINGS = 3.0, 5.0
+NEAR, SURROUNDINGS = 2.0, 8.0
 """Standard deviations, cells, of what mean and contrast are taken from, and of what is correlated: a wider mean leaves
-shading in the pictures, which differs from light to light."""
+shading in the pictures, which differs from light to light; fewer surroundings tell good matches from chance less."""
 ANGLES_DEG, BEST_DEG = (8.0, 55.0), 35.0
 """Angles between two views that are compared, and the best: near ones tell no depth, far ones see other skin. Of spots
 35 degrees apart 5 % are off by more than 2 mm, of those 70 degrees apart 25 %."""
 PROFILE_DEG = 76.5
 """Yaw from which on a photo is not compared: the head is placed too badly there, and pulls the rest astray. Profiles of
 90 degrees are placed at 77 to 84 at first, those of 75 at 65 to 76."""
-LEAST_NCC, FULL_NCC = 0.45, 0.8
+LEAST_NCC, FULL_NCC = 0.3, 0.65
 """Correlation of the surroundings up to which a spot does not count, and from which on it counts fully."""
 GATE = 3.0
 """Standard deviations, or medians of what is off, at which a spot's say is quartered (Geman and McClure)."""
@@ -247,7 +247,7 @@ def stereo_terms(head: HeadModel, pictures: Sequence[Picture | None]) -> list[li
             state = shown[place].state
             now = project_points(state, linear(mean, modes, state.coefficients)).uv
             # Standard deviation of a spot's place, metres on the face.
-            sigma = 0.0005 * state.scale
+            sigma = 0.0004 * state.scale
             off = np.linalg.norm(now - target, axis=1)
             gate = max(GATE * sigma, GATE * float(np.median(off)))
             weight = found.trust * geman_mcclure(off, gate) / sigma**2
