@@ -2,8 +2,9 @@
 
 The reader's parts are probabilities of cells of two millimetres, and what is thinner has little of them. So where it
 makes out hair, each texel near that is asked whether its colour is that of the hair beside it or that of the skin; what
-is found counts as hair for the next round: a lock is followed to its tip. Where glasses are worn, and the reader
-suspects them, lines no wider than a rim are rims.
+is found counts as hair for the next round: a lock is followed to its tip. Single strands are finer than a texel, and
+their colour is between both: dark lines on the face that begin in hair and hang are strands, and others wrinkles.
+Where glasses are worn, and the reader suspects them, lines no wider than a rim are rims.
 
 Darkness hides skin, too: what is nearly black in some colour, under a brim or where a cast clips it; and brows in it.
 """
@@ -51,6 +52,11 @@ RIM = 0.0035
 """Half the width of the widest rim, over the chart's width: 1.5 mm."""
 CONTRAST = (0.05, 0.15)
 """Contrast of a line, natural logarithm of luminance, from which on it is a rim, and from which on surely."""
+WISP, WRINKLES = 0.22, 0.95
+"""Least contrast of a strand before the skin, natural logarithm of luminance, and the quantile of the contrasts of skin
+that is not near hair, which it has to exceed too: wrinkled and freckled skin has lines of its own."""
+SQUARE = np.ones((3, 3), np.uint8)
+"""A texel and its neighbours."""
 SUSPECTED = (0.04, 0.12)
 """Probability of glasses from which on lines are rims, and from which on surely."""
 
@@ -69,9 +75,12 @@ def finer_cover(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones
     features = 1 - smoothstep(parts[:, [BROW, BEARD, LIP, IRIS, SCLERA, MOUTH]].sum(1), *OWN_FEATURES)
     free = chart.spread((features * zones.skin * seen)[:, None].astype(np.float32))[..., 0]
     strands, rims = _followed(chart, colour, unwrapped.weight, parts, zones), np.zeros_like(free)
+    lines, hanging = _lines(chart, colour @ LUMA, seen)
+    face, hair = np.moveaxis(chart.spread(np.stack([zones.face, parts[:, HAIR] * seen], 1)), 2, 0)
+    strands = np.maximum(strands, _wisps(hanging * free * face, np.maximum(strands, hair > SURE_HAIR)))
     if wears_glasses(parts, unwrapped.weight, zones):
         suspected = smoothstep(chart.spread(parts[:, [GLASSES]])[..., 0], *SUSPECTED)
-        rims = suspected * _lines(chart, colour @ LUMA, seen) * (1 - near_eyes(chart, parts))
+        rims = suspected * cv2.dilate(smoothstep(lines, *CONTRAST), SQUARE) * (1 - near_eyes(chart, parts))
     both = np.stack([strands, rims]) * free
     return tuple(np.ascontiguousarray(both.reshape(2, -1)[:, chart.texels]))
 
@@ -151,8 +160,11 @@ def _likeness(values: Float32, chosen: Float32, sigma: float) -> tuple[Float32, 
     return np.asarray(square @ (-0.5 / np.square(spread)) - np.log(spread).sum(), np.float32), share
 
 
-def _lines(chart: Chart, bright: Float32, seen: Bool) -> Float32:
-    """(h, w) in [0, 1], 1 on lines that are darker or paler than both sides, and a texel beside them."""
+def _lines(chart: Chart, bright: Float32, seen: Bool) -> tuple[Float32, Float32]:
+    """(h, w) by how much lines are darker or paler than what is beside them, and darker ones that are not level.
+
+    Both are in the unit of brightness (N,).
+    """
     planes = chart.spread(np.stack([bright * seen, seen], 1).astype(np.float32))
     near = blurred(planes, 4.0)
     beside = near[..., 0] / np.maximum(near[..., 1], np.float32(1e-3))
@@ -160,8 +172,18 @@ def _lines(chart: Chart, bright: Float32, seen: Bool) -> Float32:
     reach = max(round(RIM * chart.width), 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
     closed, opened = (cv2.morphologyEx(image, how, disc) for how in (cv2.MORPH_CLOSE, cv2.MORPH_OPEN))
-    line = smoothstep(np.maximum(np.asarray(closed) - image, image - np.asarray(opened)), *CONTRAST)
-    return np.asarray(cv2.dilate(np.asarray(line, np.float32), np.ones((3, 3), np.uint8)), np.float32)
+    across = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((1, 2 * reach + 1), np.uint8))
+    return np.maximum(closed - image, image - opened), np.asarray(across - image, np.float32)
+
+
+def _wisps(dark: Float32, hair: Float32) -> Float32:
+    """(h, w) 1 on lines, (h, w) darker than skin, that begin in hair, (h, w) in [0, 1], and a texel beside them."""
+    near = cv2.dilate(np.asarray(hair > 0.5, np.uint8), np.ones((2 * round(NEAR * hair.shape[1]) + 1,) * 2, np.uint8))
+    own = dark[(near == 0) & (dark != 0)]
+    line = dark > (max(WISP, float(np.quantile(own, WRINKLES))) if len(own) > FEWEST else WISP)
+    _, label = cv2.connectedComponents(cv2.dilate(np.asarray(line | (hair > 0.5), np.uint8), SQUARE))
+    found = line & np.isin(label, np.unique(label[hair > 0.5]))
+    return np.asarray(cv2.dilate(np.asarray(found, np.float32), SQUARE), np.float32)
 
 
 DARK_ITSELF = (BROW, BEARD, SCLERA, IRIS, MOUTH)

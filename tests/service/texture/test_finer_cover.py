@@ -66,6 +66,25 @@ def test_a_wide_lock_that_was_read_as_skin_is_no_skin() -> None:
     assert cover[own & (COLUMN > 235) & (ROW > 120) & (ROW < 190)].mean() < 0.01
 
 
+def test_a_wisp_hangs_from_the_hair_and_a_wrinkle_does_not() -> None:
+    """A strand of one texel before the forehead is of a colour between both: it stayed on the skin as a dark line."""
+    hairy = ROW < 70
+    wisp = (COLUMN == 270) & (ROW >= 70) & (ROW < 110)
+    level = (ROW == 84) & (np.abs(COLUMN - 306) < 20)
+    steep = (COLUMN == 306) & (ROW > 84) & (ROW < 104)
+    colour = np.where(hairy[:, None], HAIR_TONE * 0.3, TONE)
+    colour = np.where((wisp | level | steep)[:, None], 0.8 * TONE, colour).astype(np.float32)
+    cover, _ = finer_cover(CHART, seen(colour), parts(**{f"p{HAIR}": 0.95 * hairy}), ZONES)
+    assert cover[wisp & (ROW > 74)].mean() > 0.9
+    assert cover[level | steep].max() == 0  # lines of the skin, though one of them is steep: it begins in no hair
+    assert cover[(ROW > 76) & (np.abs(COLUMN - 285) < 8)].max() == 0
+    wrinkled = (COLUMN % 12 == 0) & (ROW > 120)  # as deep all over the face: then lines beside hair are no strands
+    lined = np.where(wrinkled[:, None], 0.7 * TONE, colour).astype(np.float32)
+    assert (
+        finer_cover(CHART, seen(lined), parts(**{f"p{HAIR}": 0.95 * hairy}), ZONES)[0][wisp & (ROW > 74)].mean() < 0.1
+    )
+
+
 def test_a_beard_of_the_hairs_colour_is_followed_by_none() -> None:
     """Hair beside it led into it: moustache and cheeks came out shaved."""
     beard = (ROW > 110) & (ROW < 200) & (np.abs(COLUMN - 205) < 30)
