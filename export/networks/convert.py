@@ -29,7 +29,7 @@ from models.networks.rcan import SCALE
 from models.networks.stages import StageNet
 from service.archive.container import replace_file
 from service.errors import ModelFault
-from service.runtime.network_registry import CONTEXT, REGISTRY, TEXTURE
+from service.runtime.network_registry import CONTEXT, PACKED, REGISTRY, TEXTURE
 from service.runtime.networks import KEY
 from service.runtime.sessions import openvino_library
 
@@ -70,11 +70,18 @@ def parts_of(network: str, module: nn.Module) -> list[Part]:
     if isinstance(module, StageNet):
         stride, halo = module.stride, module.halo()
         module.margin = halo * 3 // 4 // stride * stride if halo >= DEEP else halo
-        channels = next((one.channels for one in REGISTRY if one.name == network), module.channels)
+        known = next((one.channels for one in REGISTRY if one.name == network), module.channels)
+        channels = packed_names(known, len(known) - len(module.channels) + module.detail + module.whole)
         about = _about(network, channels, module.outputs, stride=stride, margin=module.margin)
         sizes = tuple((2 * module.margin + stride * high, 2 * module.margin + stride * wide) for high, wide in SIZES)
         return [Part(network, module, about, sizes)]
     raise TypeError(f"{type(module).__name__} is no network of this program")
+
+
+def packed_names(channels: Sequence[str], first: int) -> tuple[str, ...]:
+    """Names of channels of which those from ``first`` on are packed by four (``models.networks.translator.Stem``)."""
+    packed = [PACKED.join(channels[at : at + 4]) for at in range(first, len(channels), 4)]
+    return (*channels[:first], *packed)
 
 
 def _zeta_parts(module: Zeta) -> list[Part]:

@@ -41,9 +41,9 @@ def detail_of(grey: Tensor) -> Tensor:
 BodySize = TranslatorSize | CoarseToFineSize
 
 
-def _body(detail: int, slow: int, out: int, size: BodySize) -> Translator | CoarseToFine:
+def _body(detail: int, slow: int, out: int, size: BodySize, whole: int) -> Translator | CoarseToFine:
     if isinstance(size, TranslatorSize):
-        return Translator(detail, slow, out, size)
+        return Translator(detail, slow, out, size, whole)
     return CoarseToFine(detail + slow, out, size)
 
 
@@ -57,6 +57,7 @@ class StageNet(nn.Module):
         channels: names of the input channels in order; values as in ``service`` (all about [-1, 1]).
         outputs: names of the output channels.
         detail: how many of the first channels carry detail of single texels.
+        whole: how many after these, though slow, are wanted at all texels.
         grey: share of each of the first channels in the grey whose enlarged detail the body gets too; empty for none.
         margin: input pixels at each side that the result in the service is without, a multiple of the stride; None
             where it is trained.
@@ -66,22 +67,25 @@ class StageNet(nn.Module):
     outputs: tuple[str, ...]
     detail: int
     grey: tuple[float, ...] = ()
+    whole = 0
     margin: int | None = None
 
     def __init__(self, size: BodySize, out: int) -> None:
         super().__init__()
         added = 1 if self.grey else 0
-        self.body = _body(self.detail + added, len(self.channels) - self.detail, out, size)
+        self.body = _body(self.detail + added, len(self.channels) - self.detail, out, size, self.whole)
         self.reach = FINE_WINDOW // 2 if added else 0
         shares = torch.zeros(1, len(self.channels), 1, 1)
         shares[0, : len(self.grey), 0, 0] = torch.tensor(self.grey)
         self.register_buffer("shares", shares * FINE_GAIN, persistent=False)
 
     def prepared(self, x: Tensor) -> Tensor:
-        """The channels (N, C, H, W) with their enlarged detail before them -> (N, 1 + C, H, W), where it is wanted."""
-        if not self.grey:
-            return x
-        return torch.cat([detail_of(nn.functional.conv2d(x, cast(Tensor, self.shares))), x], 1)
+        """What the body takes of the channels (N, C, H, W): their enlarged detail first, where it is wanted, and slow
+        ones packed.
+        """
+        if self.grey:
+            x = torch.cat([detail_of(nn.functional.conv2d(x, cast(Tensor, self.shares))), x], 1)
+        return self.body.stem.packed(x) if isinstance(self.body, Translator) else x
 
     def said(self, x: Tensor) -> Tensor:
         """What a network makes of its ``prepared`` channels."""
@@ -118,12 +122,13 @@ class Delta(StageNet):
 
     channels, outputs = planes_of("delta")
     detail = 3
+    whole = 3
 
     def __init__(self, size: BodySize) -> None:
         super().__init__(size, 3)
 
     def said(self, x: Tensor) -> Tensor:
-        """(N, 14, H, W) -> (N, 3, H, W)."""
+        """Texture, context and packed geometry (N, 8, H, W) -> (N, 3, H, W)."""
         own = inside(x, self.margin or 0)
         light = own[:, 3:6] + self.looked_at(x)
         texture = linear(own[:, :3] * 0.5 + 0.5).clamp(min=DARKEST)
@@ -147,7 +152,7 @@ class Psi(StageNet):
         super().__init__(size, 1)
 
     def said(self, x: Tensor) -> Tensor:
-        """(N, 1 + 6, H, W) -> (N, 1, H, W)."""
+        """(N, 5, H, W) -> (N, 1, H, W)."""
         return torch.tanh(self.looked_at(x))
 
 
@@ -161,7 +166,7 @@ class NormalNet(StageNet):
         super().__init__(size, 2)
 
     def said(self, x: Tensor) -> Tensor:
-        """(N, 1 + C, H, W) -> (N, 2, H, W) x and y over z of normals in the mesh's tangent space, +Y up."""
+        """(N, 4, H, W) -> (N, 2, H, W) x and y over z of normals in the mesh's tangent space, +Y up."""
         return STEEPEST * torch.tanh(self.looked_at(x) / STEEPEST)
 
     def finished(self, said: Tensor) -> Tensor:

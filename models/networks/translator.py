@@ -30,29 +30,40 @@ class Stem(nn.Conv2d):
 
     The detail channels enter by pixel unshuffle, so that none of their texels is lost; the slow ones (geometry,
     context) by their mean over 2 x 2 texels, which is all there is in them. Both and the 3 x 3 convolution behind them
-    are linear, so they run as one 6 x 6 convolution of stride 2: runtimes pass over the full-size planes once.
+    are linear, so they run as one 6 x 6 convolution of stride 2: runtimes pass over the full-size planes once. Four
+    slow channels at a time come ``packed`` into one, at half their size; the first ``whole`` do not.
     """
 
-    def __init__(self, detail: int, slow: int, width: int) -> None:
+    def __init__(self, detail: int, slow: int, width: int, whole: int = 0) -> None:
         super().__init__(4 * detail + slow, width, 3, padding=1)
-        self.detail = detail
+        self.detail, self.slow, self.whole = detail, slow, whole
+
+    def packed(self, x: Tensor) -> Tensor:
+        """(N, detail + slow, H, W) -> (N, detail + whole + (slow - whole) / 4, H, W), rounded up."""
+        kept, rest = x[:, : self.detail + self.whole], x[:, self.detail + self.whole :]
+        small = nn.functional.avg_pool2d(rest, 2)
+        missing = small.new_zeros(len(small), -rest.shape[1] % 4, *small.shape[2:])
+        return torch.cat([kept, nn.functional.pixel_shuffle(torch.cat([small, missing], 1), 2)], 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, detail + slow, H, W) -> (N, width, H / 2, W / 2)."""
-        fast, slow = self.weight[:, : 4 * self.detail], self.weight[:, 4 * self.detail :]
-        spread = nn.functional.interpolate(slow, scale_factor=2.0, mode="nearest") * 0.25
-        kernel = torch.cat([nn.functional.pixel_shuffle(fast, 2), spread], 1)
+        """``packed`` channels -> (N, width, H / 2, W / 2)."""
+        fast, whole, rest = self.weight.split([4 * self.detail, self.whole, self.slow - self.whole], 1)
+        missing = rest.new_zeros(len(rest), -(self.slow - self.whole) % 4, 3, 3)
+        parts = [nn.functional.pixel_shuffle(part, 2) for part in (fast, torch.cat([rest, missing], 1))]
+        if self.whole:
+            parts.insert(1, nn.functional.interpolate(whole, scale_factor=2.0, mode="nearest") * 0.25)
+        kernel = torch.cat(parts, 1)
         return nn.functional.conv2d(x, kernel, self.bias, stride=2, padding=2)
 
 
 class Translator(nn.Module):
     """Detail channels and slow channels -> output channels."""
 
-    def __init__(self, detail: int, slow: int, out: int, size: TranslatorSize) -> None:
+    def __init__(self, detail: int, slow: int, out: int, size: TranslatorSize, whole: int = 0) -> None:
         super().__init__()
         widths, blocks = size.widths, size.blocks
         self.size = size
-        self.stem = Stem(detail, slow, widths[0])
+        self.stem = Stem(detail, slow, widths[0], whole)
         self.down = nn.ModuleList()
         self.before = nn.ModuleList()
         self.up = nn.ModuleList()
@@ -70,7 +81,7 @@ class Translator(nn.Module):
         self.head = shuffle_head(widths[0], out)
 
     def forward(self, x: Tensor, margin: int = 0) -> Tensor:
-        """(N, detail + slow, H, W) -> (N, out, H, W) without ``margin`` pixels at each side; these, H and W are
+        """``packed`` channels -> (N, out, H, W) without ``margin`` pixels at each side; these, H and W are
         multiples of ``size.stride``.
 
         The way up sees no more beyond the result than it reaches itself: its largest planes are its last.

@@ -20,7 +20,7 @@ from service.arrays import AnyFloat, Float32
 from service.colour import FULL_CODE, LUMA, Codes, decode_in_place, from_codes
 from service.errors import ModelFault
 from service.image_filters import resized
-from service.runtime.network_registry import FINE, FINE_GAIN, FINE_WINDOW
+from service.runtime.network_registry import FINE, FINE_GAIN, FINE_WINDOW, PACKED
 from service.runtime.tiles import Indices
 
 
@@ -125,10 +125,12 @@ class Channel:
     Attributes:
         read: fills a plane with values at texels of the map.
         shrunk: function (width, height) -> (height, width) float32: the channel resized, by area where that is smaller.
+        coarse: (h, w) what it is interpolated from; None: nothing.
     """
 
     read: Read
     shrunk: Callable[[tuple[int, int]], Float32]
+    coarse: Float32 | None = None
 
 
 @dataclass
@@ -188,6 +190,7 @@ class Planes:
             self.channels[name] = Channel(
                 lambda rows, columns, into, plane=plane: interpolate_into(plane, size, rows, columns, into),  # type: ignore[misc]
                 lambda size, plane=plane: resized(plane, size),  # type: ignore[misc]
+                plane,
             )
 
     def drop(self, name: str) -> None:
@@ -199,14 +202,16 @@ class Planes:
         """Function of rows (h,) and columns (w,) that gives the (C, h, w) float32 values of several channels.
 
         Raises:
-            ModelFault: a channel does not exist; the message lists those that do.
+            ModelFault: a channel does not exist, where the message lists those that do, or cannot be packed.
         """
-        chosen = self._chosen(names)
+        readers = [
+            self._chosen([name])[0].read if PACKED not in name else self._packed(name.split(PACKED)) for name in names
+        ]
 
         def read(rows: Indices, columns: Indices) -> Float32:
-            planes = np.zeros((len(chosen), len(rows), len(columns)), np.float32)
-            for channel, plane in zip(chosen, planes, strict=True):
-                channel.read(rows, columns, plane)
+            planes = np.zeros((len(readers), len(rows), len(columns)), np.float32)
+            for fill, plane in zip(readers, planes, strict=True):
+                fill(rows, columns, plane)
             return planes
 
         return read
@@ -214,6 +219,20 @@ class Planes:
     def shrunk(self, names: Sequence[str], size: tuple[int, int]) -> Float32:
         """(C, height, width) float32 channels resized to ``size`` (width, height), by area where that is smaller."""
         return np.stack([channel.shrunk(size) for channel in self._chosen(names)])
+
+    def _packed(self, names: Sequence[str]) -> Read:
+        coarse = [channel.coarse for channel in self._chosen(names)]
+        planes = [plane for plane in coarse if plane is not None]
+        if len(planes) < len(names):
+            raise ModelFault(f"{PACKED.join(names)}: only what is interpolated comes packed")
+        wide, tall = (-(-side // 2) for side in self.size)
+
+        def read(rows: Indices, columns: Indices, into: Float32) -> None:
+            down, across = rows[::2] // 2, columns[::2] // 2
+            for k, plane in enumerate(planes):
+                interpolate_into(plane, (wide, tall), down, across, into[k // 2 :: 2, k % 2 :: 2])
+
+        return read
 
     def _chosen(self, names: Sequence[str]) -> list[Channel]:
         missing = [name for name in names if name not in self.channels]

@@ -37,6 +37,10 @@ FINE_WINDOW = 17
 FINE_GAIN = 10.0
 """Pores are a few codes deep; so enlarged they are as large as other planes."""
 
+PACKED = "/"
+"""Joins the names of up to four planes that lie in one, each at half its size: a square of 2 x 2 texels has one of
+each, row by row. So come planes that are smooth: less is read, and less computed with."""
+
 DRAWN_DETAIL = "drawn_detail"
 """How far fine detail was drawn by super-resolution: -1 where all of it is the photo's, 1 where all is drawn."""
 

@@ -70,14 +70,15 @@ def test_halo_is_not_much_wider_than_the_reach(name: str) -> None:
     assert reach <= network.halo() <= reach + 4 * network.stride
 
 
-def test_one_strided_convolution_equals_unshuffle_mean_and_convolution() -> None:
+@pytest.mark.parametrize("whole", [0, 1])
+def test_one_strided_convolution_equals_unshuffle_mean_and_convolution(whole: int) -> None:
     """Also at the border, where a kernel that was put together wrongly by one texel would see other zeros."""
     torch.manual_seed(0)
-    stem = Stem(detail=3, slow=4, width=5).double()
+    stem = Stem(detail=3, slow=4, width=5, whole=whole).double()
     x = torch.rand(2, 7, 12, 20, dtype=torch.float64) - 0.3
     parts = [nn.functional.pixel_unshuffle(x[:, :3], 2), nn.functional.avg_pool2d(x[:, 3:], 2)]
     expected = nn.functional.conv2d(torch.cat(parts, 1), stem.weight, stem.bias, padding=1)
-    assert torch.allclose(stem(x), expected, atol=1e-12)
+    assert torch.allclose(stem(stem.packed(x)), expected, atol=1e-12)
 
 
 def test_paper_has_the_published_number_of_parameters() -> None:

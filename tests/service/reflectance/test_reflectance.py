@@ -13,7 +13,7 @@ import pytest
 
 from service.errors import ModelFault, NumericFault
 from service.map_registry import maps_made_by
-from service.reflectance.planes import interpolated
+from service.reflectance.planes import Planes, interpolated
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import MID, Reflectance, unpack_normals
 from service.reflectance.reflectance_plan import ReflectancePlan
@@ -135,3 +135,17 @@ def test_a_part_is_that_part_of_the_whole(size: tuple[int, int]) -> None:
     for top, left in ((-20, -9), (0, 0), (37, 41), (size[1] - 10, size[0] - 25)):
         rows, columns = reflected(size[1], top, top + 30), reflected(size[0], left, left + 50)
         np.testing.assert_allclose(interpolated(field, size, rows, columns), whole[np.ix_(rows, columns)], atol=1e-5)
+
+
+def test_four_smooth_planes_come_in_one() -> None:
+    """Each is what its means over squares of 2 x 2 texels are; what is not interpolated cannot be packed."""
+    planes, rng = Planes((96, 64)), np.random.default_rng(3)
+    planes.add_coarse(["a", "b", "c"], rng.random((3, 8, 12), np.float32))
+    planes.add_full(["d"], rng.random((1, 64, 96), np.float32))
+    rows, columns = np.arange(8, 40), np.arange(96)
+    means = planes.read(["a", "b", "c"])(rows, columns).reshape(3, 16, 2, 48, 2).mean((2, 4))
+    (packed,) = planes.read(["a/b/c"])(rows, columns)
+    for k, expected in enumerate((*means, np.zeros_like(means[0]))):
+        np.testing.assert_allclose(packed[k // 2 :: 2, k % 2 :: 2], expected, atol=1e-6)
+    with pytest.raises(ModelFault, match="packed"):
+        planes.read(["a/d"])

@@ -14,7 +14,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask
 from service.reflectance.subject import GEOMETRY_SIZE, Subject
-from service.runtime.network_registry import CLUES, LIT, SHOWN
+from service.runtime.network_registry import CLUES, LIT, PACKED, SHOWN
 from service.runtime.networks import Engine, has_bf16, open_network
 from service.runtime.sessions import has_openvino
 from tests.service.runtime.test_tiles import tiled, untiled
@@ -105,7 +105,9 @@ def test_a_constant_map_shows_no_checkerboard() -> None:
             what = network.description
             side = 8 * what.stride + 2 * what.margin
             maps = np.zeros((len(what.channels), side, side), np.float32)
-            maps[[i for i, channel in enumerate(what.channels) if channel.endswith("_z")]] = 0.8
+            for i, channel in enumerate(what.channels):
+                for k, name in enumerate(channel.split(PACKED)):
+                    maps[i, k // 2 :: 2, k % 2 :: 2] = 0.8 if name.endswith("_z") else 0
             inside = network.run(maps)
         assert inside.std((1, 2)).max() < 5e-3, name
 
