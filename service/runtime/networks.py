@@ -186,7 +186,8 @@ class Network:
         return self.engine.lanes(self.description)
 
     def run(self, maps: Float32) -> Float32:
-        """(K, ...) float32, the result without the margin, of (C, H, W) float32, H and W multiples of the stride.
+        """(K, ...) float32, the result without the margin, of (C, H, W) float32, H and W multiples of the stride that
+        leave some.
 
         Raises:
             ModelFault: the input or the output does not have the shape that the description promises, or the runtime
@@ -196,10 +197,11 @@ class Network:
         """
         what = self.description
         channels, height, width = maps.shape
-        if channels != len(what.channels) or height % what.stride or width % what.stride or not height * width:
+        least = 2 * what.margin + what.stride
+        if channels != len(what.channels) or height % what.stride or width % what.stride or min(height, width) < least:
             raise ModelFault(
                 f"network {self.name} got maps {maps.shape}; it takes {len(what.channels)} channels and sides that are "
-                f"multiples of {what.stride}"
+                f"multiples of {what.stride}, {least} at least"
             )
         require_finite(self.name, "input", dict(zip(what.channels, maps, strict=True)))
         try:

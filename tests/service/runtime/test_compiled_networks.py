@@ -48,7 +48,7 @@ def test_a_network_that_was_kept_gives_the_same_values(cache: Path) -> None:
     results = []
     for _ in range(2):
         description, compute = load_network("psi", engine)
-        side = 2 * description.stride
+        side = 2 * description.stride + 2 * description.margin
         maps = np.random.default_rng(0).uniform(-1, 1, (1, len(description.channels), side, side)).astype(np.float32)
         results.append(compute(maps))
         assert len(list(cache.glob("psi-*.blob"))) == 1
