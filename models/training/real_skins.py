@@ -28,8 +28,8 @@ from models.tables import tell
 from service.arrays import Float32
 from service.colour import LUMA, linear_to_srgb
 from service.head.files import load_head
+from service.reflectance.reflectance_maps import STEEPEST_Z
 from service.reflectance.relief.normal_inputs import GAMMA, LEAST, PIGMENT, RELIEF, UNTOLD, updated
-from service.reflectance.translate import STEEPEST_Z
 from service.runtime.network_registry import DRAWN_DETAIL, SHADED_GREY
 from service.runtime.networks import Engine, open_network
 from service.runtime.sessions import MODELS

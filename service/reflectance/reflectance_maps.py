@@ -16,6 +16,12 @@ from service.runtime.networks import RuntimeName
 NORMAL_ONE = 32767
 """Code of 1 in the int16 components of normals."""
 
+STEEPEST_Z = 0.17
+"""Smallest z of a unit normal, a tilt of 80 degrees: steeper slopes are not meaningful, and 8 bits do not resolve
+them."""
+MOST_ACROSS = np.float32(np.sqrt(1 - STEEPEST_Z**2))
+"""Length of x and y of the steepest normal."""
+
 MID = 32768
 SCALE_MM = 5e-5
 """Of displacement: height in mm = (code - MID) * SCALE_MM, in steps of 50 nm over +-1.6 mm, of which +-1 mm is used."""
@@ -84,6 +90,22 @@ class Reflectance:
     corrections: tuple[manifest.CorrectionEntry, ...] = ()
     detail: manifest.Detail | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
+
+
+def pack_normals(x: Float32, y: Float32, z: Float32) -> npt.NDArray[np.int16]:
+    """(..., 2) int16 codes of x and y of vectors of any length, normalised.
+
+    Vectors without a direction become flat, (0, 0, 1); those steeper than ``STEEPEST_Z`` are limited to it.
+    """
+    z = np.maximum(z, 0)
+    square = x * x + y * y
+    length = np.sqrt(square + z * z)
+    sound = (length > 1e-3) & (length < np.inf)
+    across = np.sqrt(square)
+    # Of unit length, and no longer across than the steepest.
+    scale = np.minimum(1 / np.where(sound, length, 1), MOST_ACROSS / np.maximum(across, np.float32(1e-6)))
+    scale = np.where(sound, scale * np.float32(NORMAL_ONE), 0)
+    return np.stack([np.rint(np.where(sound, part, 0) * scale) for part in (x, y)], -1).astype(np.int16)
 
 
 def pack_slopes(x: Float32, y: Float32) -> npt.NDArray[np.int16]:

@@ -22,7 +22,7 @@ from service.colour import Codes, from_codes, to_codes
 from service.errors import ModelFault
 from service.image_filters import STRIP, shrunk, strips
 from service.reflectance.planes import Planes
-from service.reflectance.reflectance_maps import NORMAL_ONE, pack_slopes
+from service.reflectance.reflectance_maps import pack_slopes
 from service.runtime.network_registry import COVERED, NOISE, networks_of
 from service.runtime.networks import Engine, open_network
 from service.runtime.tiles import DEFAULT_TILE, Tile, run_tiles, run_whole
@@ -97,11 +97,6 @@ def specular_albedo(job: MapInputs) -> Codes:
     return result
 
 
-STEEPEST_Z = 0.17
-"""Smallest z of a unit normal, a tilt of 80 degrees: steeper slopes are not meaningful, and 8 bits do not resolve
-them."""
-
-
 def tangent_normals(stage: str, job: MapInputs) -> npt.NDArray[np.int16]:
     """(H, W, 2) int16 codes of x and y from the network of a stage; flat off the skin and where the skin is covered.
 
@@ -136,26 +131,6 @@ def tangent_normals(stage: str, job: MapInputs) -> npt.NDArray[np.int16]:
 
 MARKS = 16
 """Texels of a side of a mark of bare skin: no tile of a network lies where there is none."""
-
-
-def pack_normals(x: Float32, y: Float32, z: Float32) -> npt.NDArray[np.int16]:
-    """(..., 2) int16 codes of x and y of vectors of any length, normalised.
-
-    Vectors without a direction become flat, (0, 0, 1); those steeper than ``STEEPEST_Z`` are limited to it.
-    """
-    z = np.maximum(z, 0)
-    square = x * x + y * y
-    length = np.sqrt(square + z * z)
-    sound = (length > 1e-3) & (length < np.inf)
-    across = np.sqrt(square)
-    # Of unit length, and no longer across than the steepest.
-    scale = np.minimum(1 / np.where(sound, length, 1), MOST_ACROSS / np.maximum(across, np.float32(1e-6)))
-    scale = np.where(sound, scale * np.float32(NORMAL_ONE), 0)
-    return np.stack([np.rint(np.where(sound, part, 0) * scale) for part in (x, y)], -1).astype(np.int16)
-
-
-MOST_ACROSS = np.float32(np.sqrt(1 - STEEPEST_Z**2))
-"""Length of x and y of the steepest normal."""
 
 
 BODY, TAIL = networks_of("super_resolution")

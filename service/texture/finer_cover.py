@@ -53,8 +53,8 @@ RIM = 0.0035
 CONTRAST = (0.05, 0.15)
 """Contrast of a line, natural logarithm of luminance, from which on it is a rim, and from which on surely."""
 WISP, WRINKLES = 0.22, 0.95
-"""Least contrast of a strand before the skin, natural logarithm of luminance, and the quantile of the contrasts of skin
-that is not near hair, which it has to exceed too: wrinkled and freckled skin has lines of its own."""
+"""Least contrast of a strand before the skin, natural logarithm of luminance, and the quantile of the contrasts of
+lines away from hair that it has to exceed, too: wrinkled and freckled skin has its own."""
 SQUARE = np.ones((3, 3), np.uint8)
 """A texel and its neighbours."""
 SUSPECTED = (0.04, 0.12)
@@ -75,12 +75,12 @@ def finer_cover(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones
     features = 1 - smoothstep(parts[:, [BROW, BEARD, LIP, IRIS, SCLERA, MOUTH]].sum(1), *OWN_FEATURES)
     free = chart.spread((features * zones.skin * seen)[:, None].astype(np.float32))[..., 0]
     strands, rims = _followed(chart, colour, unwrapped.weight, parts, zones), np.zeros_like(free)
-    lines, hanging = _lines(chart, colour @ LUMA, seen)
+    bright, reach = _continued(chart, colour @ LUMA, seen), max(round(RIM * chart.width), 1)
     face, hair = np.moveaxis(chart.spread(np.stack([zones.face, parts[:, HAIR] * seen], 1)), 2, 0)
-    strands = np.maximum(strands, _wisps(hanging * free * face, np.maximum(strands, hair > SURE_HAIR)))
+    strands = np.maximum(strands, _wisps(bright, free * face, (strands > 0.5) | (hair > SURE_HAIR), reach))
     if wears_glasses(parts, unwrapped.weight, zones):
         suspected = smoothstep(chart.spread(parts[:, [GLASSES]])[..., 0], *SUSPECTED)
-        rims = suspected * cv2.dilate(smoothstep(lines, *CONTRAST), SQUARE) * (1 - near_eyes(chart, parts))
+        rims = suspected * _lines(bright, reach) * (1 - near_eyes(chart, parts))
     both = np.stack([strands, rims]) * free
     return tuple(np.ascontiguousarray(both.reshape(2, -1)[:, chart.texels]))
 
@@ -160,30 +160,32 @@ def _likeness(values: Float32, chosen: Float32, sigma: float) -> tuple[Float32, 
     return np.asarray(square @ (-0.5 / np.square(spread)) - np.log(spread).sum(), np.float32), share
 
 
-def _lines(chart: Chart, bright: Float32, seen: Bool) -> tuple[Float32, Float32]:
-    """(h, w) by how much lines are darker or paler than what is beside them, and darker ones that are not level.
-
-    Both are in the unit of brightness (N,).
-    """
+def _continued(chart: Chart, bright: Float32, seen: Bool) -> Float32:
+    """(h, w) brightness (N,), in what is not seen that of what is seen beside it."""
     planes = chart.spread(np.stack([bright * seen, seen], 1).astype(np.float32))
     near = blurred(planes, 4.0)
     beside = near[..., 0] / np.maximum(near[..., 1], np.float32(1e-3))
-    image = np.asarray(planes[..., 0] + (1 - planes[..., 1]) * beside, np.float32)
-    reach = max(round(RIM * chart.width), 1)
+    return np.asarray(planes[..., 0] + (1 - planes[..., 1]) * beside, np.float32)
+
+
+def _lines(bright: Float32, reach: int) -> Float32:
+    """(h, w) in [0, 1], 1 on lines that are darker or paler than both sides, and a texel beside them."""
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
-    closed, opened = (cv2.morphologyEx(image, how, disc) for how in (cv2.MORPH_CLOSE, cv2.MORPH_OPEN))
-    across = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((1, 2 * reach + 1), np.uint8))
-    return np.maximum(closed - image, image - opened), np.asarray(across - image, np.float32)
+    closed, opened = (cv2.morphologyEx(bright, how, disc) for how in (cv2.MORPH_CLOSE, cv2.MORPH_OPEN))
+    line = smoothstep(np.maximum(closed - bright, bright - opened), *CONTRAST)
+    return np.asarray(cv2.dilate(line, SQUARE), np.float32)
 
 
-def _wisps(dark: Float32, hair: Float32) -> Float32:
-    """(h, w) 1 on lines, (h, w) darker than skin, that begin in hair, (h, w) in [0, 1], and a texel beside them."""
-    near = cv2.dilate(np.asarray(hair > 0.5, np.uint8), np.ones((2 * round(NEAR * hair.shape[1]) + 1,) * 2, np.uint8))
+def _wisps(bright: Float32, free: Float32, hair: Bool, reach: int) -> Float32:
+    """(h, w) 1 on dark lines that are not level and begin in hair (h, w), and a texel beside them, where it is free."""
+    dark = (cv2.morphologyEx(bright, cv2.MORPH_CLOSE, np.ones((1, 2 * reach + 1), np.uint8)) - bright) * free
+    hairy = hair.astype(np.uint8)
+    near = cv2.dilate(hairy, np.ones((2 * round(NEAR * hair.shape[1]) + 1,) * 2, np.uint8))
     own = dark[(near == 0) & (dark != 0)]
     line = dark > (max(WISP, float(np.quantile(own, WRINKLES))) if len(own) > FEWEST else WISP)
-    _, label = cv2.connectedComponents(cv2.dilate(np.asarray(line | (hair > 0.5), np.uint8), SQUARE))
-    found = line & np.isin(label, np.unique(label[hair > 0.5]))
-    return np.asarray(cv2.dilate(np.asarray(found, np.float32), SQUARE), np.float32)
+    _, label = cv2.connectedComponents(cv2.dilate(hairy | line, SQUARE))
+    found = line & np.isin(label, np.unique(label[hair]))
+    return np.asarray(cv2.dilate(found.astype(np.float32), SQUARE), np.float32)
 
 
 DARK_ITSELF = (BROW, BEARD, SCLERA, IRIS, MOUTH)

@@ -22,9 +22,8 @@ from service.head.model import HeadModel
 from service.image_filters import by_strips, shrunk, stretched_to, strips
 from service.manifest import Integration
 from service.reflectance.planes import read_window
-from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
+from service.reflectance.reflectance_maps import MID, MOST_ACROSS, SCALE_MM, STEEPEST_Z, unpack_normals
 from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, divergence, solve
-from service.reflectance.translate import MOST_ACROSS, STEEPEST_Z
 
 COARSEST_MM = 6.0
 """Standard deviation, on the surface, of the Gaussian that separates coarse shape from relief."""

@@ -42,9 +42,8 @@ from service.image_filters import blurred, by_strips, shrunk, stretched_to
 from service.manifest import Octave
 from service.reflectance.albedo.corrections import continued
 from service.reflectance.planes import Planes, read_window
-from service.reflectance.reflectance_maps import NORMAL_ONE
+from service.reflectance.reflectance_maps import NORMAL_ONE, pack_normals
 from service.reflectance.subject import GEOMETRY_SIZE
-from service.reflectance.translate import pack_normals
 from service.runtime.network_registry import CONTEXT, COVERED, LIT, REGISTRY, SHADED_GREY
 from service.texture.photo_sampling import (
     Strip,

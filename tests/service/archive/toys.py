@@ -17,10 +17,9 @@ from service.map_registry import MAP_NAMES
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 from service.photo.photo import Photo
-from service.reflectance.reflectance_maps import Reflectance
+from service.reflectance.reflectance_maps import Reflectance, pack_normals
 from service.reflectance.relief.displacement import encode_heights
 from service.reflectance.surface_maps import surface_maps
-from service.reflectance.translate import pack_normals
 from service.texture.texture import Texture
 from tests.toyhead import sphere_head
 

@@ -8,7 +8,7 @@ import pytest
 
 from service.archive.images import decode_normals8, encode_normals8
 from service.geometry.chart import Chart
-from service.reflectance.reflectance_maps import MID, unpack_normals
+from service.reflectance.reflectance_maps import MID, pack_normals, unpack_normals
 from service.reflectance.relief.displacement import (
     COARSEST_MM,
     MOST_MM,
@@ -22,7 +22,6 @@ from service.reflectance.relief.displacement import (
     slopes,
 )
 from service.reflectance.relief.integration import divergence, solve
-from service.reflectance.translate import pack_normals
 from tests.toyhead import CENTRE, RADIUS, SKIN_U, sphere_head
 
 Float = npt.NDArray[np.float32]
