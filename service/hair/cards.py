@@ -80,8 +80,8 @@ OFF_M = 0.0025
 """Least distance of a ribbon from the skin beyond its roots: its quads are straight where the head is round."""
 ROLL = 0.1
 """How much ribbons of one place are turned against each other: enough to break up a sheet."""
-INNER_M = 0.0018
-"""Distance of the inner ribbons below those that they back."""
+INNER_M, INNER_WIDER = 0.0018, 2.2
+"""Distance of the inner ribbons below those that they back, and how much wider they are than the locks in them."""
 EDGE_SHARE = 0.42
 """Distance to the middle of a root's nearest roots, over their mean distance, from which on it is on the hairline."""
 COPIES = 3
@@ -249,7 +249,7 @@ class Ribbons:
         line = self.line[own, low] * (1 - part) + self.line[own, low + 1] * part
         line = line - np.float32(INNER_M) * unit(-body.slope(line))
         line[:, 1:] = scalp.pushed(line[:, 1:], 0.0009, 2 * INNER_M)
-        return Ribbons(line, self.across, np.minimum(1.35 * self.half, WIDEST_M), self.label, self.at)
+        return Ribbons(line, self.across, np.minimum(INNER_WIDER * self.half, WIDEST_M), self.label, self.at)
 
     def row(self, along: Float64) -> Float64:
         """Places along ribbons, in [0, 1], as rows."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from service.arrays import AnyFloat, Float32, Float64, UInt8
-from service.colour import to_bytes
+from service.colour import luma, to_bytes
 from service.errors import NumericFault
 from service.geometry.camera import Camera
 from service.geometry.mesh import normalise
@@ -49,6 +49,8 @@ _GOLDEN = 0.6180339887498949
 """Golden ratio less 1: its multiples modulo 1 are spread evenly."""
 _BAND = 64
 """Rows of the background computed at once."""
+BRIGHTER = 1.25
+"""How much brighter than its bare skin, for which a picture is exposed, the whole head may be."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,8 @@ def render_head(
         RecessLight(light, chosen, graphs, detail, viewpoint, kept.hair).light_parts(seen, skin, visibility.casters)
     with clock.step("develop"):
         picture, covered = seen.resolved(radiance)
+        if request.scene.response.exposure is None:
+            scene = _no_brighter(scene, picture[covered > 0.5])
         background = None
         if request.background == "environment":
             background = behind(camera, environment_radiance(scene.environment))
@@ -190,6 +194,15 @@ def render_head(
         fallbacks = (*fallbacks, "viewpoints-but-first-ignored")
     lit = surface.specular.shape[::-1]
     return RenderedPicture(pixels, picture, covered, camera, scene, chosen, lit, fallbacks, clock.seconds)
+
+
+def _no_brighter(scene: Scene, light: Float32) -> Scene:
+    """With less exposure where the head as drawn, linear radiance (N, 3), is much brighter than its bare skin: hair may
+    hide all of that which is lit.
+    """
+    seen = luma(light * np.asarray(scene.response.white_balance, np.float32))
+    whole = exposed_for(scene, float(np.quantile(seen, BRIGHT)) / BRIGHTER) if seen.size else scene
+    return min(scene, whole, key=lambda one: one.response.exposure or 0.0)
 
 
 def _centre(camera: Camera) -> Triple:

@@ -49,6 +49,15 @@ def test_a_part_hides_what_lies_behind_it_by_its_alpha() -> None:
     np.testing.assert_allclose(middle(sheet(-0.3, (0, 255, 0, 255))), alone, atol=1e-6)
 
 
+def test_a_bright_part_before_dark_skin_is_no_white_patch() -> None:
+    """The picture is exposed for skin; of black skin, or of skin in the dark, all that covered it burnt out."""
+    request = RenderRequest(scene=scene(EVEN, exposure=None), size=(48, 56), samples=1)
+    part = sheet(0.3, (140, 130, 120, 255))
+    made = render_head(HEAD, HEAD.mean, albedo(6), request, threads=1, detail=ROUGH, parts=(part,))
+    red, green, blue = made.pixels[28, 24].astype(int)
+    assert 250 > red > green > blue, "it keeps its colour"
+
+
 def test_a_part_that_goes_on_from_the_head_leaves_no_gap() -> None:
     """At one sample a pixel, or beside a border that was smoothed, the background would show between the two."""
     middle_of = HEAD.mean[HEAD.polygons].mean(1) @ [0.7, 1.0, 0.0]
