@@ -69,23 +69,18 @@ def lock(connection: sa.Connection) -> None:
 def check(connection: sa.Connection, tenant: str, bounds: Bounds, *, counted: int = 0) -> None:
     """Refuse one more job where a bound is reached, by :class:`NoRoom`.
 
-    What decides are counts that each change of a job keeps up to date, so a long queue costs no time here. Only before
-    a job is refused are the rows themselves counted, as far as the bound: a worker of an older version keeps no counts.
-
-    The transaction has written already (SQLite locks with the first write) or holds :func:`lock`. ``counted`` is 1
-    where the job is among the rows already; the counts are without it.
+    Rows are counted as far as the bound, by an index. The transaction has written already (SQLite locks with the first
+    write) or holds :func:`lock`. ``counted`` is 1 where the job is among the rows already.
     """
-    mine, everybodys = telemetry.jobs_now(connection, tenant), telemetry.jobs_now(connection)
-    queued, own = everybodys.get("queued", 0), mine.get("queued", 0) + mine.get("running", 0)
 
     def reached(bound: int, *conditions: sa.ColumnElement[bool] | sa.TextClause) -> bool:
         found = sa.select(sa.literal(1)).select_from(JOBS).where(*conditions).limit(bound + counted).subquery()
         return int(connection.execute(sa.select(sa.func.count()).select_from(found)).scalar_one()) >= bound + counted
 
-    if queued >= bounds.queued and reached(bounds.queued, IS_WAITING):
-        raise NoRoom("queue-full", queued=queued)
-    if own >= bounds.unfinished and reached(bounds.unfinished, IS_UNFINISHED, JOBS.c.tenant == tenant):
-        raise NoRoom("quota", unfinished=own, max_unfinished=bounds.unfinished)
+    if reached(bounds.queued, IS_WAITING):
+        raise NoRoom("queue-full", queued=bounds.queued)
+    if reached(bounds.unfinished, IS_UNFINISHED, JOBS.c.tenant == tenant):
+        raise NoRoom("quota", max_unfinished=bounds.unfinished)
     if bounds.per_day is not None:
         lately = (JOBS.c.tenant == tenant, JOBS.c.created_at >= now() - DAY_S)
         refused = sa.select(sa.func.sum(TALLIES.c.value)).where(*_refusals(tenant), TALLIES.c.bucket > _hour(-24))

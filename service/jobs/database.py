@@ -65,7 +65,6 @@ JOBS = sa.Table(
     sa.Column("peak_rss_mb", sa.Double),
     sa.Column("crashes", sa.Integer, nullable=False),
     sa.Column("losses", sa.Integer, nullable=False, server_default="0"),
-    sa.Column("resting", sa.Integer, nullable=False, server_default="0"),
     sa.Column("starved", sa.Integer, nullable=False, server_default="0"),
     sa.Column("events", sa.Integer, nullable=False),
     sa.Column("swept", sa.Boolean, nullable=False),
@@ -104,9 +103,6 @@ TALLIES = sa.Table(
     sa.Column("value", sa.Double, nullable=False),
 )
 """Counts of :mod:`service.jobs.telemetry`: those that only grow outlive the rows of jobs."""
-
-JOBS_NOW = "jobs"
-"""Name of the tally of jobs that are kept, by tenant (``label``) and state (``bucket``)."""
 
 EVENTS = sa.Table(
     "avatarme_events",
@@ -206,22 +202,11 @@ def create_tables(engine: sa.Engine, settings: Settings) -> None:
                 connection.execute(sa.text("select pg_advisory_xact_lock(4242001)"))
             TABLES.create_all(connection)
             add_columns(connection)
-            _count_anew(connection)
         logging.getLogger("dbos").setLevel(logging.WARNING)
         DBOS.migrate(settings.database_url)
     finally:
         if held is not None:
             held.release()
-
-
-def _count_anew(connection: sa.Connection) -> None:
-    """Count the jobs themselves, as a process of an older version may have changed some without counting."""
-    if connection.dialect.name != "sqlite":
-        connection.execute(sa.text(f"lock table {JOBS.name} in share mode"))
-    connection.execute(sa.delete(TALLIES).where(TALLIES.c.name == JOBS_NOW))
-    numbers = sa.select(sa.literal(JOBS_NOW), JOBS.c.tenant, JOBS.c.state, sa.func.count())
-    numbers = numbers.where(JOBS.c.gone.is_(None)).group_by(JOBS.c.tenant, JOBS.c.state)
-    connection.execute(sa.insert(TALLIES).from_select(["name", "label", "bucket", "value"], numbers))
 
 
 _WALL = time.time()

@@ -1,7 +1,4 @@
-"""The steps of a job on this machine: a process of its own for each attempt, again where the fault was not the photo's.
-
-A job that seems to take its whole worker along rests before it is tried again, which tells whether it does.
-"""
+"""The steps of a job here: a process of its own for each attempt, again where the fault was not the photo's."""
 
 from __future__ import annotations
 
@@ -63,30 +60,6 @@ LOSSES = 10
 Somebody who kills the worker now and then meets other jobs, or later stages of this one. A job that takes the worker
 along each time, as where a container is ended as a whole for its memory, must not do so for ever.
 """
-
-SUSPECTED = 3
-REST, LONGEST_REST = 4.0, 60.0
-"""After so many losses in a row a job rests before it is tried again: so many seconds, twice as many each time.
-
-It is a test of the suspicion. If the worker is lost while the job rests, something else takes it along, and what was
-lost before counts no more.
-"""
-
-
-def rest(store: Store, job: str, stopping: threading.Event) -> None:
-    """Let a job rest that is suspected, unless the worker was lost while it did; until ``stopping`` at the longest."""
-    row = patient(lambda: store.get(job))
-    if row is None or not (row["resting"] or SUSPECTED <= row["losses"] < LOSSES):
-        return
-    if row["resting"]:
-        log.warning("a worker was lost while a job that was suspected of it rested", extra={"job": job})
-        patient(lambda: store.set(job, resting=0, losses=0))
-        return
-    patient(lambda: store.set(job, resting=1))
-    until = time.monotonic() + min(REST * 2 ** (row["losses"] - SUSPECTED), LONGEST_REST)
-    while time.monotonic() < until and not stopping.is_set() and patient(lambda: store.wanted(job)):
-        stopping.wait(min(LOOK, max(until - time.monotonic(), 0.0)))
-    patient(lambda: store.set(job, resting=0))
 
 
 SPACE = 2.0
@@ -200,7 +173,6 @@ class Runner:
             photo = scratch if kind.derived else self._photo(row, scratch)
             if photo is None:
                 return _failed(FileNotFoundError(row["photo"])) if self._wanted(job) else {"kind": "ended"}
-            rest(self.store, job, self.stopping)
             lost = patient(lambda: self.store.attempt(job))
             if lost >= LOSSES:
                 return _failed(Crashed(f"the server went down {lost} times in a row while it computed this photo"))

@@ -77,10 +77,10 @@ class Store:
         query = sa.select(EVENTS).where(EVENTS.c.job == job, EVENTS.c.n > after)
         return self._all(query.order_by(EVENTS.c.n).limit(limit))
 
-    def counts(self, tenant: str | None = None) -> dict[str, int]:
-        """Number of jobs in each state that has any, of one tenant or of all; those that are gone left out."""
-        with self.engine.connect() as connection:
-            return telemetry.jobs_now(connection, tenant)
+    def counts(self) -> dict[str, int]:
+        """Number of jobs in each state that has any, those that are gone left out."""
+        query = sa.select(JOBS.c.state, sa.func.count().label("jobs")).where(JOBS.c.gone.is_(None))
+        return {row["state"]: row["jobs"] for row in self._all(query.group_by(JOBS.c.state))}
 
     def oldest(self) -> Row | None:
         """The job that waits longest."""
@@ -126,7 +126,6 @@ class Store:
                 turn = admission.turn(connection, job.tenant, job.id, job.priority)
                 row = self._tell(connection, job.id, "state", turn=turn)
                 self.queue.put(connection, row)
-                telemetry.count_change(connection, job.tenant, None, row["state"])
         except sa.exc.IntegrityError:
             found = self.by_key(job.tenant, job.key) if job.key is not None else None
             if found is None:
@@ -161,7 +160,6 @@ class Store:
                     if job is None or row is None:  # somebody changed it meanwhile
                         transaction.rollback()
                         continue
-                    telemetry.count_change(connection, job["tenant"], job["state"], "running")
                 telemetry.log_started(row)
                 return str(row["id"])
 
@@ -250,7 +248,6 @@ class Store:
                 code = json.loads(row["error"]).get("code", "") if row["error"] else ""
                 telemetry.count(connection, telemetry.ENDED, f"{row['kind']}/{row['state']}/{code}")
                 telemetry.count_stages(connection, json.loads(row["timings"]))
-                telemetry.count_change(connection, row["tenant"], before, row["state"])
             telemetry.log_ended(row)
             return True
 
@@ -307,16 +304,15 @@ def depart(engine: sa.Engine, job: str, reason: str) -> None:
     """
     with engine.begin() as connection:
         where = (JOBS.c.id == job, JOBS.c.gone.is_(None), JOBS.c.state.in_(FINAL))
-        row = connection.execute(sa.select(JOBS.c.options, JOBS.c.state, JOBS.c.tenant).where(*where)).one_or_none()
-        if row is None:
+        options = connection.execute(sa.select(JOBS.c.options).where(*where)).scalar_one_or_none()
+        if options is None:
             return
-        kept = {name: value for name, value in json.loads(row.options).items() if name in MEASURED}
+        kept = {name: value for name, value in json.loads(options).items() if name in MEASURED}
         values = {"gone": reason, "swept": False, "error": None, "warnings": "[]", "options": json.dumps(kept)}
         values |= {**OWNERS, "archive": None, "archive_sha256": None, "archive_bytes": None, "webhook": None}
         if not connection.execute(sa.update(JOBS).where(*where).values(updated_at=now(), **values)).rowcount:
             return
         connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job))
-        telemetry.count_change(connection, row.tenant, row.state, None)
 
 
 def forget(engine: sa.Engine, job: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
-from service.jobs.database import JOBS_NOW, TALLIES, now
+from service.jobs.database import TALLIES, now
 
 Row = sa.RowMapping
 
@@ -67,25 +67,6 @@ def count(connection: sa.Connection, name: str, label: str, by: float = 1.0, buc
     query = insert(TALLIES).values(name=name, label=label[:64], bucket=bucket, value=by)
     more = {"value": TALLIES.c.value + by}
     connection.execute(query.on_conflict_do_update(index_elements=["name", "label", "bucket"], set_=more))
-
-
-def count_change(connection: sa.Connection, tenant: str, before: str | None, after: str | None) -> None:
-    """Count a job that has changed its state: out of one, into another, either of which may be none.
-
-    Whoever counts several things in a transaction counts this last, or two transactions could wait for each other.
-    """
-    for state, by in ((before, -1), (after, 1)):
-        if state is not None:
-            count(connection, JOBS_NOW, tenant, by, state)
-
-
-def jobs_now(connection: sa.Connection, tenant: str | None = None) -> dict[str, int]:
-    """State -> number of jobs that are kept, of one tenant or of all, without looking at the jobs."""
-    query = sa.select(TALLIES.c.bucket, sa.func.sum(TALLIES.c.value)).where(TALLIES.c.name == JOBS_NOW)
-    if tenant is not None:
-        query = query.where(TALLIES.c.label == tenant[:64])
-    found = connection.execute(query.group_by(TALLIES.c.bucket))
-    return {state: int(number) for state, number in found if number > 0}
 
 
 def count_stages(connection: sa.Connection, seconds: Mapping[str, float]) -> None:

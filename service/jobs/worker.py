@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from types import FrameType
 
 import sqlalchemy as sa
@@ -35,6 +36,11 @@ from service.jobs.workflow import Workflows
 
 log = logging.getLogger(__name__)
 
+BEAT = 5.0
+"""Seconds between two signs of life."""
+LOOKS_APART = 6
+"""Signs of life between two looks at data files that are damaged."""
+
 
 class Worker:
     """One worker, from its start to its end; ``more`` gives what it does besides jobs.
@@ -52,23 +58,21 @@ class Worker:
         self.runner = Runner(settings, Store(self.engine), Artifacts(settings.artifacts_url))
         shutil.rmtree(self.runner.scratch, ignore_errors=True)
         self._janitor = Janitor(self.runner)
-        self._ready = False
-        self._fault: str | None = None
         self._failing_since: float | None = None
 
     def run(self) -> None:
         """Work until the process is told to end."""
         self._janitor.reconcile(working=False)
-        self._check()
+        self.wait_for_data()
+        if self.runner.stopping.is_set():
+            return
         self.beat()
-        if self._fault is None:
-            self._launch()
+        self._launch()
         chores = self._chores()
-        next_time = {**dict.fromkeys(chores, 0.0), self.recheck: time.monotonic() + chores[self.recheck]}
+        next_time = dict.fromkeys(chores, 0.0)
         while not self.runner.stopping.wait(0.5):
             self.runner.warm()
-            if self.runner.doubt.is_set():
-                next_time[self.recheck] = 0.0
+            self.doubt()
             for chore, interval in chores.items():
                 if time.monotonic() >= next_time[chore]:
                     next_time[chore] = time.monotonic() + interval
@@ -78,15 +82,17 @@ class Worker:
     def _chores(self) -> dict[Callable[[], None], float]:
         """What is done beside the jobs, and the seconds between two times of doing it."""
         return {
-            self.beat: 5.0, self._janitor.tidy: 10.0, self.reconcile: 10.0,
-            self._janitor.expire: 30.0, self.recheck: 30.0, self._janitor.sweep_strays: 600.0,
+            self.beat: BEAT, self._janitor.tidy: 10.0, self._janitor.reconcile: 10.0,
+            self._janitor.expire: 30.0, self._janitor.sweep_strays: 600.0,
         }  # fmt: skip
 
-    def beat(self) -> None:
-        """Give a sign of life, take over what dead workers were at, and end where the lock on the name is lost."""
+    def beat(self, fault: str | None = None) -> None:
+        """Give a sign of life, take over what dead workers were at, and end where the lock on the name is lost.
+
+        With a ``fault`` it takes no jobs.
+        """
         values = {
-            "version": __version__, "ready": self._ready, "fault": self._fault,
-            "seen_at": seconds_of_database(self.engine),
+            "version": __version__, "ready": fault is None, "fault": fault, "seen_at": seconds_of_database(self.engine),
         }  # fmt: skip
         with self.engine.begin() as connection:
             query = sa.update(WORKERS).where(WORKERS.c.name == self.settings.worker).values(**values)
@@ -97,42 +103,25 @@ class Worker:
             dead = self._janitor.dead(others, self._lock)
         except sa.exc.SQLAlchemyError:
             self.quit("the lock on the name may be lost")
-        if self._fault is None:
+        if fault is None:
             self._janitor.take_over(dead)
 
-    def reconcile(self) -> None:
-        """Bring jobs and their workflows into line, see :meth:`Janitor.reconcile`."""
-        self._janitor.reconcile(working=self._fault is None)
+    def wait_for_data(self) -> None:
+        """Return when the data files are whole and all networks can be loaded, or this worker is told to end."""
+        while (fault := "; ".join(faults(self.settings))) and not self.runner.stopping.is_set():
+            log.critical("this worker takes no jobs: %s", fault)
+            for _ in range(LOOKS_APART):
+                self._do(partial(self.beat, fault))
+                self._do(self._janitor.expire)
+                if self.runner.stopping.wait(BEAT):
+                    return
 
-    def recheck(self) -> None:
-        """Look at the data files again: while one is damaged, and when a job has said that one is.
-
-        With whole files a worker that waited for them begins to work. One that finds a damaged file while it works ends
-        and is started again, as jobs may be under way, and then takes none.
-        """
-        if self._fault is None:
-            if not self.runner.doubt.is_set():
-                return
+    def doubt(self) -> None:
+        """End where a job has said that a data file is damaged, and one is: after the next start it is waited for."""
+        if self.runner.doubt.is_set():
             self.runner.doubt.clear()
-            self._check()
-            if self._fault is not None:
-                self.quit(self._fault)
-            return
-        self._check()
-        if self._fault is None:
-            log.warning("the data files are whole again, and this worker takes jobs")
-            try:
-                self._launch()
-            except (sa.exc.SQLAlchemyError, OSError) as error:
-                self.quit(f"the queue cannot be reached: {error}")
-
-    def _check(self) -> None:
-        """Check the data files by their hashes, and that all networks can be loaded."""
-        before, found = self._fault, faults(self.settings)
-        self._fault = "; ".join(found) or None
-        self._ready = not found
-        if self._fault not in (None, before):
-            log.critical("this worker takes no jobs: %s", self._fault)
+            if found := faults(self.settings):
+                self.quit("; ".join(found))
 
     def _launch(self) -> None:
         from service.jobs import workflow

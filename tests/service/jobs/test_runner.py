@@ -78,42 +78,8 @@ def test_a_job_that_takes_its_worker_along_ends(bench: Bench) -> None:
     assert f"{running.LOSSES} times" in problem(bench, job)["detail"]
 
 
-def test_a_job_rests_before_it_is_blamed_for_lost_workers(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The longer, the more were lost; it can be cancelled meanwhile."""
-    monkeypatch.setattr(running, "REST", 0.01)
-    job = bench.add(seed=5)
-    rests = []
-    for lost in range(running.LOSSES):
-        begin = time.monotonic()
-        running.rest(bench.store, job, bench.runner.stopping)
-        rests.append(time.monotonic() - begin)
-        assert bench.store.attempt(job) == lost
-    assert max(rests[: running.SUSPECTED]) < 0.05 + min(rests)
-    for count, seconds in enumerate(rests[running.SUSPECTED :]):
-        assert seconds >= 0.01 * 2**count
-    assert bench.row(job)["resting"] == 0
-    monkeypatch.setattr(running, "REST", 60.0)
-    bench.store.set(job, losses=running.LOSSES - 1)
-    resting = threading.Thread(target=running.rest, args=(bench.store, job, bench.runner.stopping))
-    resting.start()
-    assert within(10, lambda: bench.row(job)["resting"] == 1)
-    bench.store.cancel(job, 1e10)
-    resting.join(5)
-    assert not resting.is_alive()
-
-
-def test_a_worker_that_is_lost_while_the_job_rests_clears_it(bench: Bench) -> None:
-    """Somebody kills everything again and again, faster than a stage ends on a busy machine: no fault of the photo."""
-    job = bench.add(seed=5)
-    bench.store.set(job, losses=running.LOSSES - 1, resting=1)
-    bench.run(job)
-    assert bench.row(job)["state"] == "succeeded"
-    assert (bench.row(job)["losses"], bench.row(job)["resting"]) == (0, 0)
-
-
-def test_a_stage_that_gets_finished_makes_up_for_lost_workers(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stage_that_gets_finished_makes_up_for_lost_workers(bench: Bench) -> None:
     """Whoever kills the worker now and then must not fail a job that gets ahead each time."""
-    monkeypatch.setattr(running, "LONGEST_REST", 0.01)
     job = bench.add(seed=5)
     for _ in range(3 * running.LOSSES):
         bench.store.attempt(job)

@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 
 from service.jobs import worker as worker_module
 from service.jobs import workflow
-from service.jobs.database import TEMPORARY_FAILURE
+from service.jobs.database import TEMPORARY_FAILURE, WORKERS
 from service.jobs.settings import Settings
 from service.jobs.view import problem
-from service.jobs.worker import Worker
+from service.jobs.worker import LOOKS_APART, Worker
 from tests.service.databases import lay_out
 from tests.service.jobs.conftest import Bench
 
@@ -34,12 +35,6 @@ class Watched:
         lay_out(data)
         self.worker = Worker(Settings(data=data, program="tests.support.toy_job"))
 
-    def start(self) -> None:
-        """As at the start of its process, without the loop."""
-        self.worker._check()
-        if self.worker._fault is None:
-            self.worker._launch()
-
     def _launch(self, settings: Settings, *kinds: object) -> None:
         self.launched += 1
 
@@ -56,33 +51,38 @@ def watched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Watched
     made.worker.engine.dispose()
 
 
-def test_a_worker_begins_to_work_when_its_data_files_are_whole_again(watched: Watched) -> None:
+def test_a_worker_begins_to_work_when_its_data_files_are_whole_again(
+    watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Without it somebody would have to restart the worker after copying the weights once more."""
-    watched.faults = ["psi.onnx was changed"]
-    watched.start()
-    watched.worker.recheck()
-    assert (watched.worker._ready, watched.launched) == (False, 0)
-    watched.faults = []
-    watched.worker.recheck()
-    watched.worker.recheck()
-    assert (watched.worker._ready, watched.worker._fault, watched.launched) == (True, None, 1)
+    watched.faults, told = ["psi.onnx was changed"], []
+    stopping = watched.worker.runner.stopping
+
+    def wait(seconds: float) -> bool:
+        with watched.worker.engine.connect() as connection:
+            told.append(tuple(connection.execute(sa.select(WORKERS.c.ready, WORKERS.c.fault)).one()))
+        if watched.launched:
+            stopping.set()
+        elif len(told) > LOOKS_APART:
+            watched.faults = []
+        return stopping.is_set()
+
+    monkeypatch.setattr(stopping, "wait", wait)
+    watched.worker.run()
+    assert told == [(False, "psi.onnx was changed")] * 2 * LOOKS_APART + [(True, None)]
+    assert watched.launched == 1
 
 
-def test_a_worker_that_works_looks_only_when_a_job_says_that_a_file_is_damaged(watched: Watched) -> None:
-    watched.start()
+def test_a_worker_ends_when_a_job_says_that_a_file_is_damaged_and_one_is(watched: Watched) -> None:
+    """Jobs may be under way; after the next start it waits for the file. Where all are whole it goes on."""
     watched.faults = ["psi.onnx was changed"]
-    watched.worker.recheck()
-    assert watched.worker._ready
+    watched.worker.doubt()
     watched.worker.runner.doubt.set()
     with pytest.raises(Quit, match=str(TEMPORARY_FAILURE)):
-        watched.worker.recheck()
-
-
-def test_a_worker_whose_files_turn_out_to_be_whole_goes_on(watched: Watched) -> None:
-    watched.start()
+        watched.worker.doubt()
+    watched.faults = []
     watched.worker.runner.doubt.set()
-    watched.worker.recheck()
-    assert (watched.worker._ready, watched.launched) == (True, 1)
+    watched.worker.doubt()
     assert not watched.worker.runner.doubt.is_set()
 
 
