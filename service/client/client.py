@@ -204,11 +204,12 @@ class Client:
     ) -> str:
         """Fetch the archive of a job: whole and checked under the name ``target``, or not at all; gives its hex sha256.
 
-        A broken download goes on where it stopped, in a later call too. Every file in the archive is checked against
-        the sha256 in its manifest. ``progress`` is told of bytes so far and in all (None: unknown).
+        A broken download goes on where it stopped, in a later call too. The archive is checked against the sha256 that
+        the server states, else by the check sums of the zip. ``progress`` is told of bytes so far and in all (None:
+        unknown).
 
-        DownloadFailed: what came does not agree with its checksums. OutputFault: the file cannot be written. Conflict:
-        the job has not succeeded yet.
+        DownloadFailed: what came is something else. OutputFault: the file cannot be written. Conflict: the job has not
+        succeeded yet.
         """
         return Download(self._transport, _path(job_id) + "/archive.zip", target, progress).run()
 
