@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import asdict, field, replace
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le
-from pydantic import AfterValidator, AllowInfNan, Strict, ValidationInfo
+from pydantic import AfterValidator, AllowInfNan, BeforeValidator, Strict, ValidationInfo
 from pydantic.dataclasses import dataclass
 
 from service.checks import CHECKED, Checked, Right, shown
 from service.errors import UsageError
 from service.face.fit.fit import FitSettings, IdentityComponents, Iterations, Refine
-from service.hair.asked import LENGTHS_MM, STYLES, AskedHair, checked_colour, checked_hair
+from service.hair.asked import LENGTHS_MM, STYLES, AskedHair, checked_colour, checked_hair, parse_length
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
 from service.map_registry import MAP_NAMES, maps_made_by
 from service.reflectance.reflectance_plan import ReflectancePlan
@@ -66,9 +66,49 @@ def _known(without: tuple[str, ...]) -> tuple[str, ...]:
     return without
 
 
+SPACES = " \t\r\n"
+"""What may stand around a number; ``strip`` alone also takes separators and spaces that are not ASCII."""
+
+
+def parse_size(text: str, name: str = "size") -> tuple[int, int]:
+    """``"576x384"`` -> (576, 384), of the option ``name``; UsageError: it is no two whole numbers with an x between."""
+    width, cross, height = text.strip(SPACES).lower().partition("x")
+    if not cross or not _digits(width) or not _digits(height):
+        raise UsageError(f"{name} is {text!r}; write WIDTHxHEIGHT in texels, for example 576x384", field=name)
+    return int(width), int(height)
+
+
+def _face(text: str) -> int | str:
+    bare = text.strip(SPACES)
+    if bare.lower() != "largest" and not _digits(bare):
+        raise UsageError(f"face is {text!r}; it has to be 'largest' or an index, 0 for the first face", field="face")
+    return int(bare) if _digits(bare) else bare.lower()
+
+
+def _texture_size(text: str) -> str | tuple[int, int]:
+    bare = text.strip(SPACES).lower()
+    return bare if bare == "auto" else parse_size(text, "texture_size")
+
+
+def _digits(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) <= 10
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(","))
+
+
+def _written(parse: Callable[[str], Any]) -> BeforeValidator:
+    """Text stands for a value, too, as it is written on the command line."""
+    return BeforeValidator(lambda value: parse(value) if isinstance(value, str) else value)
+
+
 _Whole = Annotated[int, Strict()]
-_Maps = Annotated[tuple[str, ...], AfterValidator(_in_order), Right(f"names out of {', '.join(MAP_NAMES)}")]
-_Without = Annotated[tuple[str, ...], AfterValidator(_known), Right("names of corrections")]
+_Maps = Annotated[
+    tuple[str, ...], _written(lambda text: _names(text.replace("-", "_"))), AfterValidator(_in_order),
+    Right(f"names out of {', '.join(MAP_NAMES)}"),
+]  # fmt: skip
+_Without = Annotated[tuple[str, ...], _written(_names), AfterValidator(_known), Right("names of corrections")]
 _MapSize = Annotated[tuple[_Whole, _Whole], AfterValidator(_on_the_chart)]
 _Seconds = Annotated[float, Strict(), Gt(0), AllowInfNan(False)]
 _FaceIndex = Annotated[int, Strict(), Ge(0), Le(9999)]
@@ -129,15 +169,18 @@ class Options(Checked):
 
     maps: _Maps = field(default_factory=lambda: default_maps())
     quality: QualityName = "standard"
-    size: Annotated[_MapSize | None, Right("two whole numbers, for example (576, 384)")] = None
+    size: Annotated[_MapSize | None, _written(parse_size), Right("two whole numbers, for example (576, 384)")] = None
     texture_size: Annotated[
-        _MapSize | Literal["auto"], Right("'auto' or two whole numbers, for example (1152, 768)")
-    ] = "auto"
+        _MapSize | Literal["auto"], _written(_texture_size),
+        Right("'auto' or two whole numbers, for example (1152, 768)"),
+    ] = "auto"  # fmt: skip
     bits: Literal[8, 16] | None = None
     normals: Literal["tangent", "object"] = "tangent"
     budget: Annotated[_Seconds | None, Right("a number of seconds above 0")] = None
     runtime: Literal["auto", "onnxruntime", "openvino"] = "auto"
-    face: Annotated[_FaceIndex | Literal["largest"] | None, Right("'largest' or an index, 0 for the first face")] = None
+    face: Annotated[
+        _FaceIndex | Literal["largest"] | None, _written(_face), Right("'largest' or an index, 0 for the first face")
+    ] = None
     leave_out: Literal["strangers"] | None = None
     detail: Annotated[float, Strict(), Ge(0), Le(1), Right("a number from 0 to 1")] = 1.0
     seed: Annotated[int, Strict(), Ge(0), Le(LARGEST_SEED), Right(f"a whole number from 0 to {LARGEST_SEED}")] = 0
@@ -146,7 +189,7 @@ class Options(Checked):
     iterations: Iterations = _FIT.iterations
     hair: _Hair = "auto"
     hair_colour: _HairColour = "auto"
-    hair_length: _HairLength | None = None
+    hair_length: Annotated[_HairLength | None, _written(parse_length)] = None
     eye_colour: EyeColour = "auto"
     mouth: Mouth = "auto"
     wrinkles: Wrinkles = "auto"
@@ -220,44 +263,3 @@ def installed(networks: Collection[str]) -> bool:
     from service.runtime.sessions import model_table
 
     return set(networks) <= set(model_table())
-
-
-SPACES = " \t\r\n"
-"""What may stand around a number; ``strip`` alone also takes separators and spaces that are not ASCII."""
-
-
-def parse_maps(text: str) -> tuple[str, ...]:
-    """``"texture,confidence"`` -> names; they are checked by :class:`Options`."""
-    return tuple(name.strip().replace("-", "_") for name in text.split(","))
-
-
-def parse_without(text: str) -> tuple[str, ...]:
-    """``"glasses,highlights"`` -> names; they are checked by :class:`Options`."""
-    return tuple(name.strip() for name in text.split(","))
-
-
-def parse_size(text: str, name: str = "size") -> tuple[int, int]:
-    """``"576x384"`` -> (576, 384), of the option ``name``; UsageError: it is no two whole numbers with an x between."""
-    width, cross, height = text.strip(SPACES).lower().partition("x")
-    if not cross or not _digits(width) or not _digits(height):
-        raise UsageError(f"{name} is {text!r}; write WIDTHxHEIGHT in texels, for example 576x384", field=name)
-    return int(width), int(height)
-
-
-def parse_texture_size(text: str) -> tuple[int, int] | Literal["auto"]:
-    """``"auto"`` or a size; UsageError where it is neither."""
-    return "auto" if text.strip(SPACES).lower() == "auto" else parse_size(text, "texture_size")
-
-
-def parse_face(text: str) -> int | Literal["largest"]:
-    """``"largest"`` or an index; UsageError where it is neither."""
-    bare = text.strip(SPACES)
-    if bare.lower() == "largest":
-        return "largest"
-    if not _digits(bare):
-        raise UsageError(f"face is {text!r}; it has to be 'largest' or an index, 0 for the first face", field="face")
-    return int(bare)
-
-
-def _digits(text: str) -> bool:
-    return text.isascii() and text.isdigit() and len(text) <= 10

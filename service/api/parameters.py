@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
 import orjson
 
 from service.api.problem_responses import HttpProblem
-from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size
+from service.options import Options
 
 MAX_BYTES = 16 << 10
 MAX_METADATA = 2 << 10
@@ -19,14 +19,6 @@ MAX_METADATA = 2 << 10
 _MAX_LEVELS = 8
 
 NAMES = frozenset(field.name for field in fields(Options))
-
-_WORDS: dict[str, Callable[[str], Any]] = {
-    "maps": parse_maps,
-    "size": parse_size,
-    "texture_size": parse_texture_size,
-    "face": parse_face,
-}
-"""Options that the command line writes in words of their own."""
 
 
 def parse_options(text: bytes) -> Options:
@@ -51,7 +43,7 @@ def parse_metadata(text: bytes) -> dict[str, Any]:
 
 def query_options(pairs: Mapping[str, str]) -> Options:
     """Options from the parameters of an address, written as on the command line; as :func:`parse_options`."""
-    return checked_options({name: _from_text(name, text) for name, text in pairs.items()})
+    return checked_options({name: _from_text(text) for name, text in pairs.items()})
 
 
 def checked_options(values: Mapping[str, Any]) -> Options:
@@ -64,13 +56,10 @@ def checked_options(values: Mapping[str, Any]) -> Options:
         if name not in NAMES:
             detail = f"there is no option {name[:40]!r}; there are {', '.join(sorted(NAMES))}"
             raise HttpProblem("unknown-field", 422, detail, pointer=f"/{_escaped(name)}")
-    words = {name: _WORDS[name](value) for name, value in values.items() if name in _WORDS and isinstance(value, str)}
-    return Options(**{**values, **words})
+    return Options(**values)
 
 
-def _from_text(name: str, text: str) -> Any:
-    if name in _WORDS:
-        return text
+def _from_text(text: str) -> Any:
     try:
         value = json.loads(text)
     except ValueError:

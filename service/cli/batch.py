@@ -66,7 +66,7 @@ def batch(
 
     begin = time.perf_counter()
     given = parsed(BATCH, {name: flags.pop(name) for name in BATCH})
-    options = {name: list(value) if isinstance(value, tuple) else value for name, value in asked(flags).items()}
+    options = asked(flags)
     if head_file(head) is not None:
         options["head"] = str(Path(str(head)).absolute())
     source, jobs = grouped(folder, given.pop("group_by", None)), given.pop("jobs", None)

@@ -8,9 +8,9 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 import typer
 
-from service.hair.asked import parse_hair, parse_length
+from service.hair.asked import parse_hair
 from service.map_registry import MAP_NAMES
-from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size, parse_without
+from service.options import Options
 
 Command = TypeVar("Command", bound=Callable[..., None])
 
@@ -58,9 +58,9 @@ def with_flags(flags: Mapping[str, Flag]) -> Callable[[Command], Command]:
 
 
 MAPS = {
-    "maps": Flag(f"Maps to write, joined by commas: {', '.join(MAP_NAMES)}. [default: all]", parse=parse_maps),
+    "maps": Flag(f"Maps to write, joined by commas: {', '.join(MAP_NAMES)}. [default: all]"),
     "quality": Flag("draft, standard, high or reference. [default: standard]"),
-    "size": Flag("Size of the maps, WIDTHxHEIGHT, 3:2. [default: the quality's]", parse=parse_size),
+    "size": Flag("Size of the maps, WIDTHxHEIGHT, 3:2. [default: the quality's]"),
     "bits": Flag("Bits of normal maps, 8 or 16. [default: the quality's]", int),
     "normals": Flag("Space of specular and diffuse normals: tangent or object. [default: tangent]"),
     "runtime": Flag("Of networks: auto, onnxruntime or openvino. [default: auto]"),
@@ -70,21 +70,20 @@ MAPS = {
 """Fields of ``Options`` that concern maps, whatever they are made from."""
 
 AVATAR = MAPS | {
-    "texture_size": Flag("Size of the texture map, 3:2. [default: what the photo holds]", str, "auto|WIDTHxHEIGHT",
-                         parse_texture_size),
+    "texture_size": Flag("Size of the texture map, 3:2. [default: what the photo holds]", str, "auto|WIDTHxHEIGHT"),
     "budget": Flag("Take the best quality that fits into so many seconds.", float, "SECONDS"),
-    "face": Flag("Which face to take where there are several: an index, or 'largest'.", parse=parse_face),
+    "face": Flag("Which face to take where there are several: an index, or 'largest'."),
     "leave_out": Flag("Leave out photos of another person; else they are refused.", metavar="strangers"),
     "fit": Flag("Where the fit stops: 'landmarks', 'dense' or 'full'."),
     "identity_components": Flag("Identity components to fit.", int),
     "iterations": Flag("Steps of the landmark fit.", int),
     "hair": Flag("As the photo shows, none, a style (bob ...), a JSON file.", str, "auto|none|NAME|FILE", parse_hair),
     "hair_colour": Flag("Of the hair: the photo's, blond ..., or sRGB.", metavar="auto|NAME|#rrggbb"),
-    "hair_length": Flag("Length of the longest strands in millimetres.", str, "auto|MM", parse_length),
+    "hair_length": Flag("Length of the longest strands in millimetres.", str, "auto|MM"),
     "eye_colour": Flag("Of the irises: the photo's, or brown, blue ...", metavar="auto|NAME"),
     "wrinkles": Flag("As deep as in the photo, or none, younger, older, old.", metavar="auto|NAME"),
     "mouth": Flag("As in the photo, or shut where it came out open.", metavar="auto|shut"),
-    "without": Flag("For experts: corrections not to make; docs/corrections.md.", str, "NAME,...", parse_without),
+    "without": Flag("For experts: corrections not to make; docs/corrections.md.", str, "NAME,..."),
 }  # fmt: skip
 """All fields of ``Options``."""
 
@@ -96,10 +95,10 @@ def parsed(known: Mapping[str, Flag], flags: Mapping[str, Any]) -> dict[str, Any
 
 
 def asked(flags: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of :class:`Options` whose flags were given; UsageError where a value is out of range or cannot be read."""
+    """Fields of :class:`Options` whose flags were given, as JSON values; UsageError where one is not possible."""
     fields = parsed(AVATAR, flags)
-    Options(**fields)
-    return fields
+    values = Options(**fields).to_json()
+    return {name: values[name] for name in fields}
 
 
 SERVER = {

@@ -17,9 +17,7 @@ from service.options import (
     TEXTURE_MAPS,
     Options,
     default_maps,
-    parse_face,
     parse_size,
-    parse_texture_size,
 )
 
 NAN, INF = float("nan"), float("inf")
@@ -110,10 +108,13 @@ def test_how_large_a_texture_may_become_by_itself(asked: dict[str, Any], most: i
 
 
 def test_the_texture_s_size_is_auto_or_on_the_chart() -> None:
-    assert parse_texture_size(" Auto ") == "auto" == Options().texture_size
-    assert Options(texture_size=parse_texture_size("1152x768")).texture_size == (1152, 768)
+    written: Any = " Auto "
+    assert Options(texture_size=written).texture_size == "auto" == Options().texture_size
+    written = "1152x768"
+    assert Options(texture_size=written).texture_size == (1152, 768)
+    written = "1152"
     with pytest.raises(UsageError, match="texture_size is '1152'; write WIDTHxHEIGHT") as refusal:
-        parse_texture_size("1152")
+        Options(texture_size=written)
     assert refusal.value.extra["field"] == "texture_size"
     with pytest.raises(UsageError, match="texture_size is 1152x700; the chart is 3:2"):
         Options(texture_size=(1152, 700))
@@ -124,6 +125,10 @@ def test_the_texture_s_size_is_auto_or_on_the_chart() -> None:
 @example("0\xa0")
 def test_any_text_is_parsed_or_refused(text: str) -> None:
     """No other exception, and no number that Python alone would read (``1_0``, Arabic digits, a sign)."""
+
+    def parse_face(written: Any) -> Any:
+        return Options(face=written).face
+
     for parse in (parse_size, parse_face):
         try:
             parsed = parse(text)
