@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 from collections.abc import AsyncIterator, Callable
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
@@ -21,8 +20,6 @@ from service.api.problem_responses import HttpProblem
 from service.api.uploads import QUERY, received
 from service.jobs.store import Row
 from service.jobs.view import FINAL, job_json
-
-log = logging.getLogger(__name__)
 
 FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")
 
@@ -75,23 +72,14 @@ def listing(
     following = rows[limit - 1]["id"] if len(rows) > limit else None
     more = f"&state={state}" if state else ""
     link = {"Link": f'</v1/avatars?limit={limit}&cursor={following}{more}>; rel="next"'} if following else {}
-    return Json({"items": [_shown(row) for row in rows[:limit]], "next": following}, 200, link)
-
-
-def _shown(row: Row) -> dict[str, Any]:
-    """State of a job; what of it cannot be read is left out, so that the job does not hide others and can be erased."""
-    try:
-        return job_json(row)
-    except ValueError:
-        log.exception("a job cannot be shown whole", extra={"job": row["id"]})
-        return job_json({**row, "options": "{}", "metadata": "{}", "warnings": "[]", "error": None})
+    return Json({"items": [job_json(row) for row in rows[:limit]], "next": following}, 200, link)
 
 
 @router.get("/{job}", response_model=Job, operation_id="get_avatar", summary="State of a job.")
 def state(job: str, tenant: Asking, context: Here) -> Response:
     """State of a job, the same JSON as in its events."""
     row = context.job(job, tenant)
-    return Json(_shown(row), 200, {} if row["state"] in FINAL else {"Retry-After": "1"})
+    return Json(job_json(row), 200, {} if row["state"] in FINAL else {"Retry-After": "1"})
 
 
 @router.delete("/{job}", status_code=204, operation_id="delete_avatar", summary="Cancel a job, or erase its result.")

@@ -6,7 +6,6 @@ refused here within a millisecond. What is inside segments and chunks is the dec
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
 import re
 import zlib
@@ -21,8 +20,6 @@ MAX_SEGMENTS = 8192
 """Segments of a JPEG file."""
 MAX_CHUNKS = 65_536
 """Chunks of a PNG file."""
-MAX_TEXT_BYTES = 8 * 1024**2
-"""Unpacked text of a PNG file; more is an attack on whoever unpacks it."""
 
 
 class Container(NamedTuple):
@@ -43,7 +40,7 @@ class Container(NamedTuple):
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_KEPT = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND", b"iCCP", b"eXIf", b"sRGB", b"gAMA"))
-"""Without text, which Pillow keeps beside what it tells of the image, under names that the file chooses."""
+"""Without text, which may be packed a thousandfold, and which Pillow keeps under names that the file chooses."""
 _EOI, _SOS, _DHT, _DAC, _APP1, _COM = 0xD9, 0xDA, 0xC4, 0xCC, 0xE1, 0xFE
 _JPEG_KEPT = (b"JFIF\0", b"Adobe", b"ICC_PROFILE\0", b"MPF\0")
 """Application segments that tell how to show the image, or that there are more; and EXIF."""
@@ -179,7 +176,7 @@ def _open_jpeg(data: bytes, limits: Limits) -> Container:
 
 def _open_png(data: bytes, limits: Limits) -> Container:
     """Walk over the chunks of a PNG file (PNG specification, third edition, section 5) up to its last."""
-    kept, position, text = [_PNG_SIGNATURE], len(_PNG_SIGNATURE), 0
+    kept, position = [_PNG_SIGNATURE], len(_PNG_SIGNATURE)
     warnings: list[WarningCode] = []
     if data[12:16] != b"IHDR":
         raise CorruptImage("the PNG file does not begin with its header chunk")
@@ -196,9 +193,6 @@ def _open_png(data: bytes, limits: Limits) -> Container:
                 warnings.append("icc-ignored")
             elif kind.isupper():
                 raise CorruptImage(f"the checksum of a {kind.decode()!r} chunk of the PNG file is wrong")
-        text += _unpacked_text(kind, data[position + 8 : end - 4])
-        if text > MAX_TEXT_BYTES:
-            raise CorruptImage(f"the text of the PNG file unpacks to more than {MAX_TEXT_BYTES} bytes")
         frames = int.from_bytes(data[position + 8 : position + 12], "big")
         if kind == b"acTL" and frames != 1:
             raise AnimatedImage(f"the PNG file is animated, with {frames} frames; one is accepted", frames=frames)
@@ -207,20 +201,6 @@ def _open_png(data: bytes, limits: Limits) -> Container:
             return Container(Codec.PNG, size, b"".join(kept), tuple(warnings))
         position = end
     raise TooComplex(f"the PNG file has more than {MAX_CHUNKS} chunks")
-
-
-def _unpacked_text(kind: bytes, body: bytes) -> int:
-    """Bytes that the packed text of a PNG chunk takes, counted to just above the bound; 0 for other chunks."""
-    rest = body.partition(b"\0")[2]  # after the keyword
-    if kind == b"zTXt":
-        packed = rest[1:]
-    elif kind == b"iTXt" and rest[:1] == b"\1":
-        packed = rest[2:].partition(b"\0")[2].partition(b"\0")[2]  # after flag, method, language and translated keyword
-    else:
-        return 0
-    with contextlib.suppress(zlib.error):
-        return len(zlib.decompressobj().decompress(packed, MAX_TEXT_BYTES + 1))
-    return 0
 
 
 def _open_webp(data: bytes, limits: Limits) -> Container:

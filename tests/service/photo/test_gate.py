@@ -146,10 +146,13 @@ def test_zero_size() -> None:
         read_photo(bad.png_header(0, 10))
 
 
-@pytest.mark.parametrize("kind", [b"zTXt", b"iTXt", b"iCCP"])
-def test_packed_metadata_bombs(kind: bytes) -> None:
+def test_packed_metadata_bombs() -> None:
+    """A profile has to be unpacked; text is left out as it is."""
     with pytest.raises(CorruptImage):
-        read_photo(bad.text_bomb(kind))
+        read_photo(bad.text_bomb(b"iCCP"))
+    for kind in (b"zTXt", b"iTXt"):
+        assert len(open_container(bad.text_bomb(kind), Limits()).payload) < 30_000  # a hundred thousand came
+        assert read_photo(bad.text_bomb(kind)).warnings == ()
 
 
 def test_hundreds_of_scans(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -367,7 +370,7 @@ def test_broken_profile_is_ignored_with_a_warning(profile: bytes) -> None:
 
 
 def test_a_photo_that_is_good_is_not_refused_as_none_can_be_got_ready_for_the_next(
-    monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The service gets ready for the next photo before it answers for this one; the next one is told of the fault."""
 
