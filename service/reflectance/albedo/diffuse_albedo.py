@@ -37,7 +37,6 @@ from service.reflectance.albedo.corrections import (
     evenness,
 )
 from service.reflectance.albedo.highlights import HIGHLIGHTS
-from service.reflectance.albedo.unlike_skin import UNLIKE_SKIN
 from service.reflectance.planes import Planes
 from service.reflectance.translate import MapInputs, translate
 from service.robust import agreement, smoothstep
@@ -46,7 +45,7 @@ from service.runtime.networks import Network, open_network
 from service.runtime.tiles import run_whole
 from service.texture.texture import PhotoTexture
 
-ON_LIT_SKIN: tuple[LightCorrection, ...] = (WHITE_CLOTH, SKIN_HUE, LIGHT_CONTRAST, UNLIKE_SKIN)
+ON_LIT_SKIN: tuple[LightCorrection, ...] = (WHITE_CLOTH, SKIN_HUE, LIGHT_CONTRAST)
 """Corrections of the light where the photo shows skin in it, in order."""
 
 EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN, GREY_HAIR)
