@@ -39,12 +39,12 @@ from service.batch.worker import LOOKS
 from service.jobs.admission import Bounds, NewJob
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import connect, create_tables
-from service.jobs.janitor import Janitor
 from service.jobs.process import descendants
 from service.jobs.queue import Queue
 from service.jobs.runner import Runner
 from service.jobs.settings import Settings
 from service.jobs.store import Store
+from service.jobs.worker import Janitor
 from service.jobs.workflow import launch
 from service.places import Place
 from tests.support.postgres import Postgres

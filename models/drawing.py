@@ -20,7 +20,7 @@ from typing import Any
 from service.batch.driver import Wanted, on_stderr
 from service.batch.driver import run as run_batch
 from service.batch.plan import STATE
-from service.jobs.locks import FileLock
+from service.jobs.database import FileLock
 from service.jobs.process import Reporter, Task
 from service.places import Place, place
 

@@ -40,7 +40,7 @@ CORE = ORDER["service"][: ORDER["service"].index("archive") + 1]
 
 _ABOVE_THE_CORE = {f"service.{room}" for room in ORDER["service"] if room not in CORE}
 
-ENGINE_OF_BATCHES = ("service.batch.", "service.jobs.process.", "service.jobs.locks.")
+ENGINE_OF_BATCHES = ("service.batch.", "service.jobs.process.", "service.jobs.database.")
 """What draws data for training too, for ``models/drawing.py`` alone."""
 
 FORBIDDEN = {
@@ -49,6 +49,7 @@ FORBIDDEN = {
     "export": {"benchmarks", "tests", *_ABOVE_THE_CORE},
     "benchmarks": {f"tests.{room.name}" for room in (ROOT / "tests").iterdir() if room.stem != "support"},
 }
+
 
 def imported_names(source: str) -> Iterator[str]:
     """Dotted names of all imports, those inside functions too."""

@@ -22,13 +22,13 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
 from service import GENERATOR
-from service.api.accepting import bounds_of, erase, no_room
+from service.api.avatars import bounds_of, erase, no_room
 from service.api.context import Asking, Context, Here, Json
 from service.api.downloads import Extent, answer_with, download, finished, media_type
 from service.api.keys import Tenant
 from service.api.openapi import ExportJob, RenderJob
-from service.api.parameters import parse_object
 from service.api.problem_responses import HttpProblem
+from service.api.uploads import parse_object
 from service.errors import TooManyBytes, UsageError
 from service.jobs.admission import KeyInUse, NewJob, NoRoom
 from service.jobs.store import Row

@@ -35,7 +35,7 @@ from service.api.keys import LOOPBACK, check_exposed, make_first_key
 from service.api.openapi import described
 from service.api.problem_responses import EXPLANATIONS, MEDIA_TYPE
 from service.jobs import logs
-from service.jobs.locks import FileLock
+from service.jobs.database import FileLock
 from service.jobs.process import give_back_memory, keep_private
 from service.jobs.settings import Settings
 from service.jobs.view import problem

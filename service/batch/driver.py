@@ -27,8 +27,7 @@ from service.batch.makers import Hopeless, LocalMaker, Maker, RemoteMaker
 from service.batch.plan import ARCHIVE, SETTLED_S, STATE, SUFFIXES, Grouped, Line, Plan, photos_at
 from service.batch.shards import Rounds, Shards, lasting
 from service.errors import AvatarError, Crashed, UsageError
-from service.jobs.database import SHARDS, connect, create_tables
-from service.jobs.locks import FileLock
+from service.jobs.database import SHARDS, FileLock, connect, create_tables
 from service.jobs.settings import Settings
 from service.places import Place, place, writable
 

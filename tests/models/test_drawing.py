@@ -11,7 +11,7 @@ import pytest
 
 from models.drawing import draw_all
 from service.errors import UsageError
-from service.jobs.locks import FileLock
+from service.jobs.database import FileLock
 from tests.service.jobs.s3 import serve
 
 

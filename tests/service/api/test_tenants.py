@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from service.api import accepting
+from service.api import avatars
 from service.api.keys import Keys, new_key
 from service.errors import UsageError
 from service.jobs.settings import Settings
@@ -28,7 +28,7 @@ def bearer(name: str) -> dict[str, str]:
 @pytest.fixture(autouse=True)
 def _photos_are_not_looked_through(monkeypatch: pytest.MonkeyPatch) -> None:
     """The process that does it takes longer than all the rest here; ``test_bad_inputs.py`` is about it."""
-    monkeypatch.setattr(accepting, "check_photo", lambda data, limits: None)
+    monkeypatch.setattr(avatars, "check_photo", lambda data, limits: None)
 
 
 @pytest.fixture

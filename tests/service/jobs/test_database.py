@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from service.errors import UsageError
-from service.jobs.database import now
-from service.jobs.locks import FileLock
+from service.jobs.database import FileLock, now
 
 
 @pytest.mark.parametrize("jump", [86400.0, -86400.0])

@@ -5,10 +5,9 @@ import time
 import pytest
 import sqlalchemy as sa
 
-from service.jobs import janitor as module
-from service.jobs.database import JOBS, WORKERS, create_tables, now
-from service.jobs.janitor import STRAY, Janitor, LostJob
-from service.jobs.locks import DatabaseLock
+from service.jobs import worker as module
+from service.jobs.database import JOBS, WORKERS, DatabaseLock, create_tables, now
+from service.jobs.worker import STRAY, Janitor, LostJob
 from tests.service.jobs.conftest import Bench, unfinished
 
 
