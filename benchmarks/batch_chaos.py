@@ -43,7 +43,7 @@ from service.batch.plan import Plan, manifest_name, read_lines, report_name, tex
 folder = Path(sys.argv[1])
 (folder / "out").mkdir()
 out = Place(folder / "out")
-plan = Plan(folder, Place(folder / "photos"), out)
+plan = Plan(Place(folder / "photos"), out)
 photos = plan.look()
 plan.ask({})
 for number, _ in enumerate(plan.write_shards("1")):

@@ -118,7 +118,7 @@ def measured(count: int, seconds: float, photos: int, hands: int, folder: Path) 
     for number in range(count * photos):
         (folder / "in" / f"{number:06d}.jpg").touch()
     out = Place(folder / "out")
-    plan = Plan(folder, Place(folder / "in"), out)
+    plan = Plan(Place(folder / "in"), out)
     plan.look()
     plan.ask({})
     shards = plan.write_shards("1")

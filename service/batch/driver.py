@@ -176,7 +176,7 @@ def run(wanted: Wanted, display: Display) -> Tally:
     if source.missing if isinstance(source, Grouped) else source.folder is not None and not source.folder.is_dir():
         raise UsageError(f"there is no folder {wanted.source}; name one with photos in it", field="folder")
     with writable(out), _work(out, alone=wanted.shard is None) as work:
-        plan = Plan(work, source, out, wanted.inputs, wanted.product)
+        plan = Plan(source, out, wanted.inputs, wanted.product)
         photos = plan.look(own=wanted.shard, settled=_settled(wanted))
         if not photos and not wanted.watch and wanted.shard is None:
             raise UsageError(f"there is no photo in {wanted.source}; they end with {', '.join(sorted(wanted.inputs))}")

@@ -1,8 +1,7 @@
 """What is still to be made: the photos of one place, of each person together, against the archives of another.
 
 A photo is finished where its archive is there, is not older than the photo, and was made since these options were asked
-for; as ``make`` does it, no file is hashed for that. Names are compared in a database on the disk, so a plan for a
-hundred thousand photos takes no more memory than one for a thousand.
+for; as ``make`` does it, no file is hashed for that.
 """
 
 from __future__ import annotations
@@ -13,10 +12,10 @@ import itertools
 import json
 import os
 import re
-import sqlite3
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path, PurePosixPath
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from service.errors import UsageError
 from service.photo.bundle import MOST, bundled
@@ -54,27 +53,27 @@ Line = dict[str, Any]
 """What became of one photo; :func:`service.batch.shards.report_line` has the members."""
 
 
-class Plan:
-    """The plan of one batch, in a database in a folder of this machine."""
+class _Said(NamedTuple):
+    """The last line of a photo: name of the report ("" for the merged one), whether it is made, attempts, text."""
 
-    def __init__(
-        self, folder: Path, source: Place, out: Place, inputs: Collection[str] = SUFFIXES, product: str = ARCHIVE
-    ) -> None:
+    report: str
+    made: bool
+    attempt: int
+    text: bytes
+
+
+class Plan:
+    """The plan of one batch."""
+
+    def __init__(self, source: Place, out: Place, inputs: Collection[str] = SUFFIXES, product: str = ARCHIVE) -> None:
         self.source = source
         self.out = out
         self._inputs, self._product = inputs, product
-        self._tables = sqlite3.connect(folder / "plan.sqlite", isolation_level=None)
-        self._tables.executescript(
-            """
-            pragma journal_mode = off; pragma synchronous = off;
-            create table photos (name blob primary key, archive blob, fold blob, modified real) without rowid;
-            create table archives (name blob primary key, modified real) without rowid;
-            create table lines (name blob primary key, rank blob, made integer, attempt integer, text blob)
-                without rowid;
-            create table tried (name blob primary key, modified real) without rowid;
-            create index folds on photos (fold);
-            """
-        )
+        self._photos: dict[str, tuple[str, float]] = {}  # name -> archive, and when it was written
+        self._archives: dict[str, float] = {}
+        self._said: dict[str, _Said] = {}
+        self._tried: dict[str, float] = {}
+        self._since = 0.0
 
     def refuse(self) -> None:
         """Refuse to begin (UsageError) where there was a batch before, or an archive's name is taken."""
@@ -82,12 +81,12 @@ class Plan:
             raise UsageError(
                 f"{self.out.address} has the report of an earlier run; --resume goes on with it", field="resume"
             )
-        taken = "select p.archive from photos p join archives a on a.name = p.archive limit 1"
-        for (name,) in self._tables.execute(taken):
-            raise UsageError(
-                f"{self.out.address} has a {os.fsdecode(name)} already; name another place, or --resume to replace it",
-                field="out",
-            )
+        for archive, _ in self._photos.values():
+            if archive in self._archives:
+                raise UsageError(
+                    f"{self.out.address} has a {archive} already; name another place, or --resume to replace it",
+                    field="out",
+                )
 
     def ask(self, options: Mapping[str, Any]) -> None:
         """Write down what is asked for; with the same options as before, what was made before counts."""
@@ -102,74 +101,53 @@ class Plan:
         ``own`` (K, N) takes only every N-th photo, by its name, the K-th part of them; ``settled`` only those that were
         written before this time, seconds since 1970.
         """
-        run = self._tables.execute
-        run("begin")
-        for table in ("photos", "archives"):
-            run(f"delete from {table}")  # noqa: S608 - our own names
-        found = ((*self._names(e.name), e.modified) for e in self.source.entries(self._inputs, self.out))
-        self._tables.executemany("insert into photos values (?, ?, ?, ?)", found)
-        self._tell_apart()
-        if own is not None:
-            self._tables.create_function("part", 1, lambda name: part_of(name, own[1]), deterministic=True)
-            run("delete from photos where part(name) != ?", (own[0],))
-        if settled is not None:
-            run("delete from photos where modified > ?", (settled,))
-        there = ((os.fsencode(entry.name), entry.modified) for entry in self.out.entries({self._product}))
-        self._tables.executemany("insert into archives values (?, ?)", there)
+        written = {entry.name: entry.modified for entry in self.source.entries(self._inputs, self.out)}
+        self._photos = {
+            name: (archive, written[name])
+            for name, archive in named_apart(written, self._product).items()
+            if (own is None or part_of(os.fsencode(name), own[1]) == own[0])
+            and (settled is None or written[name] <= settled)
+        }
+        self._archives = {entry.name: entry.modified for entry in self.out.entries({self._product})}
         self.gather()
-        run("commit")
-        return int(run("select count(*) from photos").fetchone()[0])
+        return len(self._photos)
 
     def todo(self) -> Iterator[Line]:
         """Photos that are to be made, by their names: ``path``, ``archive``, ``modified``, ``attempt``.
 
         Those that failed in a round of this plan before are not, unless they have changed since.
         """
-        rows = self._tables.execute(
-            """
-            select p.name, p.archive, p.modified, coalesce(l.attempt + (l.made = 0), 1) from photos p
-            left join archives a on a.name = p.archive
-            left join lines l on l.name = p.name
-            left join tried t on t.name = p.name
-            where (a.modified is null or a.modified < max(p.modified, ?) or coalesce(l.made, 0) = 0)
-            and (t.modified is null or t.modified != p.modified) order by p.name
-            """,
-            (self._since,),
-        )
-        for name, archive, modified, attempt in rows:
-            yield {
-                "path": os.fsdecode(name), "archive": os.fsdecode(archive), "modified": modified, "attempt": attempt,
-            }  # fmt: skip
+        for name, (archive, modified) in sorted(self._photos.items(), key=lambda one: os.fsencode(one[0])):
+            said = self._said.get(name) or _Said("", made=False, attempt=0, text=b"")
+            finished = said.made and self._archives.get(archive, -1.0) >= max(modified, self._since)
+            if not finished and self._tried.get(name) != modified:
+                attempt = said.attempt + (not said.made)
+                yield {"path": name, "archive": archive, "modified": modified, "attempt": attempt}
 
     def write_shards(self, round_name: str) -> list[int]:
         """Write the manifest of a round: one file for each shard; returns how many photos each has.
 
         The name of a later round comes after that of an earlier one in the order of letters.
         """
-        left, counts = sum(1 for _ in self.todo()), list[int]()
-        photos = self.todo()
-        while shard := list(itertools.islice(photos, min(SHARD, max(1, left // SHARDS)))):
+        photos, counts = list(self.todo()), list[int]()
+        while photos:
+            shard = photos[: min(SHARD, max(1, len(photos) // SHARDS))]
             self.out.write(manifest_name(round_name, len(counts)), b"".join(map(text_of, shard)))
             counts.append(len(shard))
-            left -= len(shard)
-        self._tables.execute("insert or replace into tried select name, modified from photos")
+            del photos[: len(shard)]
+        self._tried |= {name: modified for name, (_, modified) in self._photos.items()}
         return counts
 
     def gather(self) -> list[str]:
         """Read all reports, the last line of a photo counts; returns the names of the reports of shards."""
         shards = sorted(name for name in self.out.names(REPORTS) if name.endswith(".jsonl"))
-        for name in (REPORT, *shards):
-            rank = b"" if name == REPORT else name.encode()
-            rows = (
-                (os.fsencode(line["path"]), rank, line.get("outcome") == "succeeded", int(line.get("attempt", 1)), text)
-                for line, text in _lines(self.out, name)
-            )
-            self._tables.executemany(
-                "insert into lines values (?, ?, ?, ?, ?) on conflict do update set rank = excluded.rank, "
-                "made = excluded.made, attempt = excluded.attempt, text = excluded.text "
-                "where excluded.rank >= lines.rank",
-                rows,
-            )
+        for report in (REPORT, *shards):
+            rank = "" if report == REPORT else report
+            for line, text in _lines(self.out, report):
+                known = self._said.get(line["path"])
+                if known is None or rank >= known.report:
+                    made = line.get("outcome") == "succeeded"
+                    self._said[line["path"]] = _Said(rank, made, int(line.get("attempt", 1)), text)
         return shards
 
     def merge(self, folder: Path) -> None:
@@ -177,51 +155,38 @@ class Plan:
 
         The folder is on the file system of the archives, where that is a disk.
         """
-        self._tables.execute("begin")
         shards = self.gather()
-        self._tables.execute("commit")
         part = folder / "report"
         with part.open("wb") as stream:
-            stream.writelines(text for (text,) in self._tables.execute("select text from lines order by name"))
+            stream.writelines(self._said[name].text for name in sorted(self._said, key=os.fsencode))
         self.out.put(part, REPORT)
         for name in shards:
             self.out.delete(name)
             self.out.delete(name.replace(REPORTS, MANIFESTS, 1))
 
-    def failures(self, limit: int) -> Iterator[Line]:
+    def failures(self, limit: int) -> list[Line]:
         """Lines of the first photos that failed."""
-        rows = self._tables.execute(
-            "select l.text from photos p join lines l on l.name = p.name where l.made = 0 order by p.name limit ?",
-            (limit,),
-        )
-        return (json.loads(text) for (text,) in rows)
+        names = (name for name in sorted(self._photos, key=os.fsencode) if name in self._said)
+        failed = (self._said[name].text for name in names if not self._said[name].made)
+        return [json.loads(text) for text in itertools.islice(failed, limit)]
 
     def outcome(self) -> tuple[int, int, int]:
         """Numbers of photos that have an archive, that failed, and of which nothing is known."""
-        row = self._tables.execute(
-            "select coalesce(sum(l.made), 0), coalesce(sum(l.made = 0), 0), count(*) from photos p "
-            "left join lines l on l.name = p.name"
-        ).fetchone()
-        return int(row[0]), int(row[1]), int(row[2] - row[0] - row[1])
+        said = [self._said[name].made for name in self._photos if name in self._said]
+        return sum(said), len(said) - sum(said), len(self._photos) - len(said)
 
-    def close(self) -> None:
-        """Let go of the database."""
-        self._tables.close()
 
-    def _names(self, name: str) -> tuple[bytes, bytes, bytes]:
-        archive = str(PurePosixPath(name).with_suffix(self._product))
-        return os.fsencode(name), os.fsencode(archive), _fold(archive)
-
-    def _tell_apart(self) -> None:
-        """Give photos that differ in the suffix only their whole name and that of an archive, until all differ."""
-        many = "select fold from photos group by fold having count(*) > 1"
-        crowded = f"fold in ({many}) and archive != cast(name || x'{self._product.encode().hex()}' as blob)"
-        while self._tables.execute(f"select 1 from photos where {crowded} limit 1").fetchone():  # noqa: S608
-            rows = self._tables.execute(f"select name from photos where {crowded}").fetchall()  # noqa: S608
-            longer = (
-                (name + self._product.encode(), _fold(os.fsdecode(name) + self._product), name) for (name,) in rows
-            )
-            self._tables.executemany("update photos set archive = ?, fold = ? where name = ?", longer)
+def named_apart(names: Collection[str], product: str) -> dict[str, str]:
+    """Photo -> archive. Photos that differ in the suffix only have their whole name and that of an archive, until all
+    differ, also for a file system without case.
+    """
+    archives = {name: str(PurePosixPath(name).with_suffix(product)) for name in names}
+    while True:
+        folds = Counter(archive.casefold() for archive in archives.values())
+        crowded = [name for name, one in archives.items() if folds[one.casefold()] > 1 and one != name + product]
+        if not crowded:
+            return archives
+        archives |= {name: name + product for name in crowded}
 
 
 def part_of(name: bytes, count: int) -> int:
@@ -262,11 +227,6 @@ def _lines(where: Place, name: str) -> Iterator[tuple[Line, bytes]]:
                 continue
             if isinstance(line, dict) and isinstance(line.get("path"), str):
                 yield line, text.rstrip(b"\n") + b"\n"
-
-
-def _fold(archive: str) -> bytes:
-    """Names that are one file for a file system without case have one fold."""
-    return os.fsencode(archive.casefold())
 
 
 GROUPS = ("folder", "prefix")

@@ -22,11 +22,10 @@ def found(folder: Path, out: Path | None = None) -> dict[str, str]:
     """Photos and their archives, as a plan has them."""
     out = out or folder / ".out"
     out.mkdir(exist_ok=True)
-    plan = Plan(out, Place(folder), Place(out))
+    plan = Plan(Place(folder), Place(out))
     plan.look()
     plan.ask({})
     photos = {photo["path"]: photo["archive"] for photo in plan.todo()}
-    plan.close()
     return photos
 
 
@@ -71,7 +70,7 @@ def test_the_last_line_of_a_photo_counts_and_torn_ones_do_no_harm(tmp_path: Path
     (tmp_path / REPORT).write_text(line("z") + line("a.jpg", "failed") + torn)
     (tmp_path / REPORTS / "2-000000.jsonl").write_text(line("a.jpg", n=2) + torn)
     (tmp_path / REPORTS / "1-000000.jsonl").write_text(line("a.jpg", n=1) + line("b.jpg", "failed", new=1))
-    plan = Plan(tmp_path / ".batch", Place(tmp_path), Place(tmp_path))
+    plan = Plan(Place(tmp_path), Place(tmp_path))
     plan.look()
     assert plan.outcome() == (1, 1, 0)
     plan.merge(tmp_path / ".batch")
@@ -80,4 +79,3 @@ def test_the_last_line_of_a_photo_counts_and_torn_ones_do_no_harm(tmp_path: Path
         ("a.jpg", "succeeded", 2), ("b.jpg", "failed", None), ("z", "succeeded", None),
     ]  # fmt: skip
     assert not list((tmp_path / REPORTS).iterdir())
-    plan.close()
