@@ -9,16 +9,19 @@ import asyncio
 import contextlib
 import hashlib
 import json
+import logging
 import secrets
+import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
+import sqlalchemy as sa
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
-from service.api.context import JOB_ID, Asking, Context, Here, Json
+from service.api.context import JOB_ID, LOOK_S, Asking, Context, Here, Json
 from service.api.decoding import FIXED, cost
 from service.api.front import host_name, is_head
 from service.api.keys import ANYBODY, LOOPBACK, Tenant
@@ -36,6 +39,8 @@ from service.jobs.webhooks import expect_reachable, target
 from service.photo.bundle import unbundled
 from service.photo.gate import check_photo, expect_photo
 from service.photo.video import expect_video
+
+log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -320,18 +325,32 @@ async def events(job: str, request: Request, tenant: Asking, context: Here) -> R
 
 async def _stream(context: Context, job: str, last: int, allowed: Callable[[], bool]) -> AsyncIterator[bytes]:
     yield b"retry: 2000\n\n"
-    with context.watcher.listening(job) as changed:
+    context.listeners += 1
+    heard = time.monotonic()
+    try:
         while not context.draining.is_set() and allowed():
-            changed.clear()
-            for event in await run_in_threadpool(context.store.events, job, last):
-                last = event["n"]
+            try:
+                row, events = await run_in_threadpool(_news, context, job, last)
+            except sa.exc.SQLAlchemyError as error:
+                log.warning("events cannot be read: %s", error)
+                await asyncio.sleep(LOOK_S)
+                continue
+            for event in events:
+                last, heard = event["n"], time.monotonic()
                 yield f"id: {last}\nevent: {event['name']}\ndata: {event['body']}\n\n".encode()
-            row = await run_in_threadpool(context.store.get, job)
             if row is None or row["gone"] is not None or (row["state"] in FINAL and last >= row["events"]):
                 return
             if row["events"] > last:
                 continue
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(changed.wait(), HEARTBEAT)
-                continue
-            yield b": still here\n\n"
+            if time.monotonic() - heard > HEARTBEAT:
+                heard = time.monotonic()
+                yield b": still here\n\n"
+            await asyncio.sleep(LOOK_S)
+    finally:
+        context.listeners -= 1
+
+
+def _news(context: Context, job: str, last: int) -> tuple[Row | None, list[Row]]:
+    """The row of a job, and its events after the last that arrived."""
+    row = context.store.get(job)
+    return row, context.store.events(job, last) if row is not None and row["events"] > last else []

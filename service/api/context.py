@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import json
-import logging
 import re
 import shutil
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import sqlalchemy as sa
 from fastapi import Depends
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
 from starlette.responses import JSONResponse
 
@@ -32,10 +28,8 @@ from service.photo.limits import Limits
 
 JOB_ID = re.compile(r"[0-9a-f]{32}\Z")
 
-INTERVAL = 0.25
-"""Seconds between two looks at the database for new events."""
-
-log = logging.getLogger(__name__)
+LOOK_S = 0.5
+"""Seconds between two looks at a job for somebody who follows it, or waits for it."""
 
 
 class Json(JSONResponse):
@@ -47,62 +41,6 @@ class Json(JSONResponse):
     def render(self, content: Any) -> bytes:
         """The bytes."""
         return json.dumps(content).encode("ascii")
-
-
-class Watcher:
-    """Wakes listeners when their job has new events, or when the keys have changed; other jobs are not looked up."""
-
-    def __init__(self, store: Store, keys: Keys) -> None:
-        self._store = store
-        self._keys = keys
-        self._listeners: dict[str, set[asyncio.Event]] = {}
-        self._known: dict[str, int] = {}
-        self._task: asyncio.Task[None] | None = None
-
-    @contextlib.contextmanager
-    def listening(self, job: str) -> Iterator[asyncio.Event]:
-        """An event that is set whenever the job has new events."""
-        event = asyncio.Event()
-        self._listeners.setdefault(job, set()).add(event)
-        if self._task is None or self._task.done():
-            self._task = asyncio.get_running_loop().create_task(self._watch())
-        try:
-            yield event
-        finally:
-            self._listeners[job].discard(event)
-            if not self._listeners[job]:
-                del self._listeners[job]
-                self._known.pop(job, None)
-
-    def wake_all(self) -> None:
-        """Wake every listener."""
-        for events in self._listeners.values():
-            for event in events:
-                event.set()
-
-    @property
-    def count(self) -> int:
-        """Number of listeners."""
-        return sum(len(events) for events in self._listeners.values())
-
-    async def _watch(self) -> None:
-        edition = self._keys.edition()
-        while self._listeners:
-            if edition != (edition := self._keys.edition()):
-                self.wake_all()
-            jobs = list(self._listeners)
-            try:
-                versions = await run_in_threadpool(self._store.versions, jobs)
-            except sa.exc.SQLAlchemyError as error:
-                log.warning("events cannot be read: %s", error)
-                jobs = []
-            for job in jobs:
-                version = versions.get(job, -1)  # -1: the row is gone
-                if self._known.get(job) != version:
-                    self._known[job] = version
-                    for event in self._listeners.get(job, ()):
-                        event.set()
-            await asyncio.sleep(INTERVAL)
 
 
 FRESH = 20.0
@@ -126,7 +64,7 @@ class Context:
         create_tables(self.engine, settings)
         self.store = Store(self.engine)
         self.artifacts = Artifacts(settings.artifacts_url)
-        self.watcher = Watcher(self.store, self.keys)
+        self.listeners = 0
         self.draining = threading.Event()
         self.uploads: Counter[str] = Counter()
         at_once = max(2, processors()) + bool(self.keys)  # with keys one place is always left to the next tenant

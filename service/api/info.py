@@ -179,7 +179,7 @@ def exposition(context: Context) -> bytes:
     workers = Gauge("avatarme_workers", "Workers that live", ["ready"], registry=registry)
     for ready in (True, False):
         workers.labels(str(ready).lower()).set(sum(worker["ready"] == ready for worker in context.workers()))
-    Gauge("avatarme_listeners", "Open event streams", registry=registry).set(context.watcher.count)
+    Gauge("avatarme_listeners", "Open event streams", registry=registry).set(context.listeners)
     Gauge("avatarme_free_megabytes", "Free space for uploads", registry=registry).set(context.free_mb())
     registry.register(cast(Any, _Tallies(context)))
     return generate_latest(REGISTRY) + generate_latest(registry)

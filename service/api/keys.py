@@ -93,11 +93,6 @@ class Keys:
         # Looked up by hash: how long the look-up takes tells nothing about the keys.
         return self._tenants.get(_hash(key.strip()))
 
-    def edition(self) -> object:
-        """What differs when the keys have changed."""
-        self._refresh()
-        return self._seen
-
     def _refresh(self) -> None:
         """Read the file again if it has changed. One that is damaged or gone changes nothing: nobody is locked out."""
         if self._path is None or time.monotonic() - self._looked < LOOK_S:

@@ -7,7 +7,6 @@ result is made once: who asks for it again gets it from the store, for as long a
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import hashlib
 import json
 import secrets
@@ -23,7 +22,7 @@ from starlette.responses import Response
 
 from service import GENERATOR
 from service.api.avatars import bounds_of, erase, no_room
-from service.api.context import Asking, Context, Here, Json
+from service.api.context import LOOK_S, Asking, Context, Here, Json
 from service.api.downloads import Extent, answer_with, download, finished, media_type
 from service.api.keys import Tenant
 from service.api.openapi import ExportJob, RenderJob
@@ -37,9 +36,6 @@ from service.kits.export import TOOLS, known_tool
 from service.render.request import parse_request
 
 MAX_BODY = 1 << 20
-
-_LOOK_S = 1.0
-"""Seconds between two looks whether the caller of a picture is still there."""
 
 
 async def asked(request: Request, context: Context, kind: Kind) -> tuple[str, dict[str, Any]]:
@@ -105,15 +101,12 @@ def _job(context: Context, tenant: Tenant, kind: Kind, source: Row, values: dict
 async def _ended(request: Request, context: Context, row: Row, seconds: float) -> Row:
     """The row as soon as the job has ended, or when the caller has waited long enough or is gone."""
     deadline = time.monotonic() + seconds
-    with context.watcher.listening(row["id"]) as changed:
-        while row["state"] not in FINAL and time.monotonic() < deadline and not context.draining.is_set():
-            changed.clear()
-            found: Row | None = await run_in_threadpool(context.store.get, row["id"])
-            row = found or row
-            if row["state"] in FINAL or await request.is_disconnected():
-                break
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(changed.wait(), _LOOK_S)
+    while row["state"] not in FINAL and time.monotonic() < deadline and not context.draining.is_set():
+        found: Row | None = await run_in_threadpool(context.store.get, row["id"])
+        row = found or row
+        if row["state"] in FINAL or await request.is_disconnected():
+            break
+        await asyncio.sleep(LOOK_S)
     return row
 
 

@@ -57,7 +57,6 @@ def create_app(settings: Settings) -> FastAPI:
             yield
         finally:
             context.draining.set()
-            context.watcher.wake_all()
             await run_in_threadpool(context.engine.dispose)
 
     app = FastAPI(
@@ -249,7 +248,6 @@ class _Server(uvicorn.Server):
         context = getattr(self._app.state, "context", None)
         if context is not None:
             context.draining.set()
-            context.watcher.wake_all()
 
     async def on_tick(self, counter: int) -> bool:
         """Whether to end now; asked ten times a second."""
