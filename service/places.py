@@ -20,9 +20,6 @@ from typing import IO, Any
 
 from service.errors import OutputFault, UsageError
 
-PAGE = 1000
-"""Names that a store lists in one answer."""
-
 BLOCK = 4 << 20
 """Bytes that are asked of a remote store at a time; its own default may be ten times as many for each reader."""
 
@@ -129,14 +126,17 @@ class Place:
         own = f"{leave_out.address}/" if leave_out is not None else None
         if own is not None and self.address.startswith(own):
             own = None  # what is asked for lies in it
-        for name, modified in self._listed():
+        with translated():
+            found = self._fs.find(self._root, detail=True)
+        for path, facts in found.items():
+            name = str(path)[len(self._root) :].lstrip("/")
             parts = name.split("/")
             # Hidden, or leading out of a folder where the archives go to one.
             if any(part == "" or part.startswith(".") for part in parts) or "\0" in name:
                 continue
             outside = own is None or not f"{self.address}/{name}".startswith(own)
             if outside and PurePosixPath(name).suffix.lower() in suffixes:
-                yield Entry(name, modified)
+                yield Entry(name, _seconds(facts))
 
     def _walked(self, folder: Path, suffixes: Collection[str], leave_out: Path | None) -> Iterator[Entry]:
         own = None if leave_out is None else leave_out.resolve()
@@ -154,25 +154,6 @@ class Place:
                             facts = entry.stat()
                             if stat.S_ISREG(facts.st_mode):
                                 yield Entry(Path(entry.path).relative_to(folder).as_posix(), facts.st_mtime)
-
-    def _listed(self) -> Iterator[tuple[str, float]]:
-        """Names and times of all files below, a page at a time where the store is S3."""
-        if not hasattr(self._fs, "call_s3"):
-            with translated():
-                for path, facts in self._fs.find(self._root, detail=True).items():
-                    yield str(path)[len(self._root) :].lstrip("/"), _seconds(facts)
-            return
-        bucket, _, prefix = self._root.partition("/")
-        prefix = f"{prefix}/" if prefix else ""
-        more: dict[str, str] = {}
-        while True:
-            with translated():
-                page = self._fs.call_s3("list_objects_v2", Bucket=bucket, Prefix=prefix, MaxKeys=PAGE, **more)
-            for item in page.get("Contents", ()):
-                yield item["Key"][len(prefix) :], item["LastModified"].timestamp()
-            if not page.get("IsTruncated"):
-                return
-            more = {"ContinuationToken": page["NextContinuationToken"]}
 
     def names(self, folder: str) -> list[str]:
         """Names of all files and folders in one folder, "" for the place itself; empty where there is none."""

@@ -23,9 +23,7 @@ def bucket() -> Iterator[Any]:
         yield fsspec.filesystem("s3", use_listings_cache=False)
 
 
-def test_a_batch_in_a_store(folders: Folders, bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages of one name: what is listed must come from all of them."""
-    monkeypatch.setattr("service.places.PAGE", 1)
+def test_a_batch_in_a_store(folders: Folders, bucket: Any) -> None:
     for name, word in (("a.jpg", "good"), ("sub/b.png", "corrupt"), (".hidden.jpg", "good"), ("x/../y.jpg", "good")):
         bucket.pipe_file(f"bucket/photos/{name}", word.encode())
     places = {"source": "s3://bucket/photos", "out": "s3://bucket/photos/out"}
