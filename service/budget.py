@@ -22,13 +22,12 @@ from service.words import WarningCode
 SAMPLE = 256
 """Inner side of the tile that is measured."""
 
-FIT_WORK = 90.0
-"""Everything before the networks, and meshes and previews after them, in units of :func:`_yardstick`."""
+FIT_WORK, FINE_MESH_WORK = 90.0, 75.0
+"""Everything before the networks, and meshes and previews after them; and the fine mesh with its 16-bit normals: in
+units of :func:`_yardstick`, as the next."""
 
-FINE_MESH_WORK = 60.0
-
-TRANSFORMS = 5
-"""Cosine transforms of the map, there and back, that displacement takes as long as."""
+PACKING_WORK, DISPLACEMENT_WORK = 0.66, 4.0
+"""Of a megatexel: packing one map, and integrating the displacement (``docs/accuracy-time.md``)."""
 
 SAFETY = 1.15
 
@@ -53,14 +52,10 @@ class Speed:
 
     Attributes:
         yardstick: seconds of a fixed piece of numpy work.
-        transform: seconds per megatexel of a cosine transform, there and back.
-        packing: seconds per megatexel of an 8-bit RGB PNG.
         networks: by name.
     """
 
     yardstick: float
-    transform: float
-    packing: float
     networks: Mapping[str, NetworkSpeed]
 
 
@@ -103,26 +98,15 @@ def estimate_seconds(speed: Speed, options: Options, plan: ReflectancePlan) -> f
     """Seconds for one avatar."""
     width, height = options.map_size
     texels = width * height / 1e6
-    seconds = FIT_WORK * speed.yardstick
-    for name in plan.networks:
-        seconds += _network_seconds(name, speed.networks[name], texels)
-    if "displacement" in plan.stages:
-        seconds += TRANSFORMS * speed.transform * texels
-    deep = 3.0 if options.normal_bits == 16 else 1.0
-    for stage in plan.stages:
-        if stage != "super_resolution" and stage in options.maps:
-            seconds += speed.packing * texels * (deep if stage.endswith("normal") else 1.0)
-    if options.level.fine_mesh and "displacement" in options.maps:
-        seconds += FINE_MESH_WORK * speed.yardstick
-    return seconds
+    work = FIT_WORK + PACKING_WORK * texels * len(set(plan.stages) & set(options.maps))
+    work += DISPLACEMENT_WORK * texels * ("displacement" in plan.stages)
+    work += FINE_MESH_WORK * (options.level.fine_mesh and "displacement" in options.maps)
+    networks = sum(_network_seconds(name, speed.networks[name], texels) for name in plan.networks)
+    return work * speed.yardstick + networks
 
 
 def measure_speed(engine: Engine, networks: tuple[str, ...]) -> Speed:
-    """Time one small tile of each network, and what else grows with the maps."""
-    from scipy.fft import dctn, idctn
-
-    from service.archive.images import Rows, encode_png_rows
-
+    """Time one small tile of each network, and a piece of other work."""
     costs: dict[str, NetworkSpeed] = {}
     for name in networks:
         begin = time.perf_counter()
@@ -138,15 +122,7 @@ def measure_speed(engine: Engine, networks: tuple[str, ...]) -> Speed:
             tiles = (what.margin, what.scale) if what.whole is None else None
             area = shape[0] * shape[1] / 1e6 * network.lanes if tiles else 1.0
             costs[name] = NetworkSpeed(opened + first - seconds, seconds / area, tiles)
-    noise = np.random.default_rng(0).integers(0, 256, (512, 768, 3), np.uint8)
-    plane = noise[..., 0].astype(np.float32)
-    area = plane.size / 1e6
-    return Speed(
-        yardstick=min(_twice(_yardstick)),
-        transform=min(_twice(lambda: idctn(dctn(plane, workers=2), workers=2))) / area,
-        packing=min(_twice(lambda: encode_png_rows(Rows.of(noise), srgb=False))) / area,
-        networks=costs,
-    )
+    return Speed(yardstick=min(_twice(_yardstick)), networks=costs)
 
 
 def _run(network: Network, maps: Float32) -> None:

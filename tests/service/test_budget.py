@@ -7,31 +7,17 @@ from pathlib import Path
 import pytest
 
 from service import budget
-from service.budget import NetworkSpeed, Speed, estimate_seconds, measure_speed, within_budget
+from service.budget import estimate_seconds, measure_speed, within_budget
 from service.map_registry import MAP_NAMES, maps_made_by
 from service.options import Options
 from service.reflectance.reflectance_plan import ReflectancePlan
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import toy_folder
 
-TILED = {"zeta_tail": (2, 8), "delta": (88, 1), "psi": (72, 1), "rho": (96, 1), "sigma": (72, 1)}
-SPEED = Speed(
-    yardstick=0.03,
-    transform=0.03,
-    packing=0.08,
-    networks={name: NetworkSpeed(0.2, 0.5, tiles) for name, tiles in TILED.items()}
-    | {"zeta_body": NetworkSpeed(0.2, 1.0), "delta_context": NetworkSpeed(0.2, 0.2)},
-)
-
 
 @pytest.fixture(autouse=True)
 def every_network(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.options.installed", lambda networks: True)
-
-
-def seconds(**asked: object) -> float:
-    options = Options(**({"maps": MAP_NAMES} | asked))  # type: ignore[arg-type]
-    return estimate_seconds(SPEED, options, options.plan())
 
 
 def test_the_measurement_covers_every_network(tmp_path: Path) -> None:
@@ -40,7 +26,7 @@ def test_the_measurement_covers_every_network(tmp_path: Path) -> None:
     assert set(speed.networks) == set(networks)
     assert {name for name, one in speed.networks.items() if one.tiles is None} == {"zeta_body", "delta_context"}
     costs = [one.seconds for one in speed.networks.values()]
-    assert all(value > 0 for value in (*costs, speed.yardstick, speed.transform, speed.packing))
+    assert all(value > 0 for value in (*costs, speed.yardstick))
     options = Options(maps=MAP_NAMES)
     assert 0 < estimate_seconds(speed, options, options.plan()) < 1e4
 
