@@ -108,12 +108,7 @@ def divergence(right: Float32, down: Float32, mask: Bool) -> Float32:
         right: (H, W) float32 change of height per texel to the right, finite; only read where ``mask`` is True.
         down: the same per texel down.
         mask: as of :func:`solve`.
-
-    Raises:
-        ValueError: the shapes differ.
     """
-    if not right.shape == down.shape == mask.shape or right.ndim != 2:
-        raise ValueError(f"slopes {right.shape} and {down.shape} and mask {mask.shape} have to be of one shape")
 
     def edge(axis: int, rows: slice) -> Float32:
         values = wanted((right if axis == 1 else down)[rows], axis)

@@ -86,10 +86,3 @@ def test_what_goes_in_comes_out(size: tuple[int, int], channels: tuple[int, ...]
     with Image.open(io.BytesIO(data)) as opened:
         opened.load()  # Pillow checks every chunk's sum
         assert opened.size == size[::-1] and "srgb" not in opened.info
-
-
-@pytest.mark.parametrize(("shape", "bits"), [((4, 4, 2), 8), ((4, 4), 12), ((0, 4), 8), ((4, 0, 3), 16)])
-def test_what_png_does_not_have(shape: tuple[int, ...], bits: int) -> None:
-    with pytest.raises(ValueError, match="PNG has no"):
-        rows = Rows(shape, bits, lambda first, last: np.zeros((last - first, *shape[1:]), np.uint8))
-        encode_png_rows(rows, srgb=False)
