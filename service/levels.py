@@ -29,6 +29,7 @@ class Level:
         normal_bits: bits per component of normal maps.
         fine_mesh: whether the subdivided, displaced mesh is made with the displacement map.
         precision: of the networks: "auto" is the fastest that the processor has.
+        unseen_halved: whether the light on skin that no photo shows is found at half the size.
         part_texture_step: texels of a side that textures of hair, eyes and the like, in full 512 to 1024, put into one.
         strands: of a full head of hair.
     """
@@ -39,14 +40,15 @@ class Level:
     fine_mesh: bool
     precision: Literal["auto", "fp32"]
     strands: int
+    unseen_halved: bool
     part_texture_step: int = 1
 
 
 LEVELS: dict[str, Level] = {
-    "draft": Level(DRAFT_SIZE, False, 8, False, "auto", 5_000, part_texture_step=2),
-    "standard": Level(FULL_SIZE, True, 8, False, "auto", 10_000),
-    "high": Level(FULL_SIZE, True, 16, True, "auto", 20_000),
-    "reference": Level(FULL_SIZE, True, 16, True, "fp32", 20_000),
+    "draft": Level(DRAFT_SIZE, False, 8, False, "auto", 5_000, False, part_texture_step=2),
+    "standard": Level(FULL_SIZE, True, 8, False, "auto", 10_000, True),
+    "high": Level(FULL_SIZE, True, 16, True, "auto", 20_000, True),
+    "reference": Level(FULL_SIZE, True, 16, True, "fp32", 20_000, False),
 }
 """From fast to fine."""
 

@@ -240,7 +240,10 @@ def make_avatar(
         if subject is not None:
             reflectance = make_reflectance(
                 texture.legible,
-                replace(subject.result().wearing(texture), wrinkles=AGES[options.wrinkles]),
+                replace(
+                    subject.result().wearing(texture, halved=options.level.unseen_halved),
+                    wrinkles=AGES[options.wrinkles],
+                ),
                 plan,
                 options.map_size,
                 engine,

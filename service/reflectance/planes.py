@@ -193,6 +193,14 @@ class Planes:
                 plane,
             )
 
+    def coarse_at(self, size: tuple[int, int]) -> Planes:
+        """Those channels that are interpolated, for a map of another ``size`` (width, height)."""
+        result = Planes(size)
+        for name, channel in self.channels.items():
+            if channel.coarse is not None:
+                result.add_coarse([name], channel.coarse[None])
+        return result
+
     def drop(self, name: str) -> None:
         """Remove the channels of :meth:`add_codes`, so that their memory can be freed."""
         for suffix in ("r", "g", "b", "grey"):

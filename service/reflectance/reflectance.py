@@ -126,6 +126,8 @@ def make_reflectance(
         ModelFault: a network is missing, changed, or does not fit.
         NumericFault: a network's output is not finite.
     """
+    if size[0] * size[1] <= SMALL_MAP:
+        subject = replace(subject, unseen=None)
     plain = replace(subject, wrinkles=1.0)  # networks make the same maps, whatever is corrected of these
     given = texture, plain, plan, size, seed, detail, tuple(without), own
     run = _Run(plan, stages, given, progress, small=size[0] * size[1] <= SMALL_MAP and tile >= DEFAULT_TILE)
@@ -229,7 +231,7 @@ def _by_networks(
             ledger = Ledger(without)
             enlarged = "super_resolution" in plan.stages
             told_of = own.onto(full) if own is not None and enlarged else None
-            delit = diffuse_albedo(full, job(told), ledger, subject.photos, subject.cloth)
+            delit = diffuse_albedo(full, job(told), subject, ledger)
             plain = delit.albedo
             unsure = error_map(delit.error, skin, min(size, TEXTURE_SIZE))
             grey = shaded_grey(planes) if READERS & set(plan.stages) else None
@@ -291,6 +293,7 @@ def _fallbacks(plan: ReflectancePlan, engine: Engine, subject: Subject) -> tuple
     delighted = "diffuse_albedo" in plan.stages
     told = {
         "texture-resampled": "super_resolution" not in plan.stages,
+        "unseen-light-halved": delighted and subject.unseen is not None,
         "light-from-skin-alone": delighted and subject.eye_light is None,
         "bf16-needs-openvino": engine.precision == "fp32" and lacks_openvino(),
     }

@@ -63,8 +63,9 @@ class Reflectance:
         tile: inner side of the tiles, in texels.
         super_resolution: whether the texture was enlarged by a network; else it was resampled.
         fallbacks: codes of what could not run as intended: "bf16-needs-openvino" where the processor would compute
-            faster with OpenVINO installed, "texture-resampled" without super-resolution, "light-from-skin-alone" where
-            neither sclera nor teeth, which tell dark skin from dim light, were seen.
+            faster with OpenVINO installed, "texture-resampled" without super-resolution, "unseen-light-halved" where
+            the light on skin that no photo shows was found at half the size, "light-from-skin-alone" where neither
+            sclera nor teeth, which tell dark skin from dim light, were seen.
         integration: of the displacement.
         wrinkles: relief that the photo's expression folds, which the normals and the displacement are without.
         corrections: those that ran, in order, with the number of texels that each changed.

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.canvas import brow_plane, lash_line, lid_skin
-from service.arrays import AnyFloat, Float32, Float64
+from service.arrays import AnyFloat, Bool, Float32, Float64
 from service.face.fit.fit import Fit
 from service.geometry.chart import NO_PART, Chart, islands
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.image_filters import blurred, by_strips, shrunk, stretched_to
+from service.image_filters import blurred, by_strips, ramp, shrunk, stretched_to
 from service.light.formulas import BAND_GAIN, LUMINANCE, gradient, sh_basis
 from service.reflectance.planes import read_window
 from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
@@ -48,6 +48,18 @@ def sensitivity(chart: Chart, vertices: AnyFloat, light: AnyFloat, rotation: Any
     slope = gradient(normal, grey * BAND_GAIN) / shade[:, None]
     both = np.stack([(slope * seen(axis)).sum(1) for axis in (frame.tangent, frame.bitangent)], 1)
     return chart.fill_outside(chart.spread(both.astype(np.float32)))
+
+
+BEYOND = (8.0, 18.0)
+"""Texels of a texture of 576 from what a photo shows at which unseen skin begins, and from which on it is nothing else:
+a centimetre. Lids and lips, in holes that are narrower, count as seen."""
+
+
+def beyond(seen: Bool) -> Float32:
+    """(h, w) float32 in [0, 1], how far texels count as unseen, of (h, w) what photos show."""
+    near, far = (seen.shape[1] / 576 * texels for texels in BEYOND)
+    closed = cv2.morphologyEx(seen.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((2 * int(far) + 1,) * 2, np.uint8))
+    return ramp(np.asarray(cv2.distanceTransform(1 - closed, cv2.DIST_L2, 5), np.float32), (near, far))
 
 
 GEOMETRY_SIZE = (768, 512)
@@ -110,6 +122,7 @@ class Subject:
         photos: what each of several photos shows; empty for one.
         wrinkles: factor on the depth of the face's lines.
         cloth: linear luminance of the brightest cloth in the photo; 0: none is seen.
+        unseen: (h, w) float32 in [0, 1], how far the light is taken off as at half the size; None: nowhere.
     """
 
     head: HeadModel
@@ -125,6 +138,7 @@ class Subject:
     photos: tuple[PhotoTexture, ...] = ()
     wrinkles: float = 1.0
     cloth: float = 0.0
+    unseen: Float32 | None = None
 
     @classmethod
     def of(
@@ -148,11 +162,12 @@ class Subject:
             slope = sensitivity(subject.chart, fit.vertices, fit.light, fit.camera.rotation)
         return replace(subject, slope=slope, creases=Creases.of(subject.chart, fit))
 
-    def wearing(self, texture: Texture) -> Subject:
-        """The same head with what the texture tells of its light."""
+    def wearing(self, texture: Texture, *, halved: bool = False) -> Subject:
+        """The same head with what the texture tells of its light, which is ``halved`` where no photo shows it."""
         inpainted = np.asarray(texture.confidence == 0, np.float32)
         height, width = inpainted.shape
         inpainted *= self.bare((width, height))
+        shown = (texture.confidence > 0) & (shrunk(self.own_skin, (width, height)) > 0.5)
         return replace(
             self,
             lit=texture.lit_skin * np.float32(1 / 255),
@@ -160,6 +175,7 @@ class Subject:
             parts=texture.parts,
             photos=texture.photos,
             cloth=texture.cloth,
+            unseen=beyond(shown) if halved else None,
         )
 
     @property

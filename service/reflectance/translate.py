@@ -10,7 +10,8 @@ added to a bicubic enlargement.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import cv2
@@ -24,7 +25,7 @@ from service.image_filters import STRIP, shrunk, strips
 from service.reflectance.planes import Planes
 from service.reflectance.reflectance_maps import pack_slopes
 from service.runtime.network_registry import COVERED, NOISE, networks_of
-from service.runtime.networks import Engine, open_network
+from service.runtime.networks import Engine, Network, open_network
 from service.runtime.tiles import DEFAULT_TILE, Tile, run_tiles, run_whole
 
 
@@ -51,30 +52,39 @@ Keep = Callable[[tuple[slice, slice], Float32, Float32], None]
 """Function of slices of rows and columns, the result (K, h, w) there, and its weight (h, w) in [0, 1]."""
 
 
-def translate(name: str, job: MapInputs, outputs: int, keep: Keep, where: Bool | None = None) -> None:
-    """Run network ``name`` in tiles and pass each result to ``keep``, a few rows at a time.
-
-    Tiles lie around the marks of ``where`` (h, w) alone, a coarser map of the chart; None: everywhere.
+@contextmanager
+def open_translator(name: str, engine: Engine, outputs: int) -> Iterator[Network]:
+    """Network ``name`` for :func:`translate`, for the length of a ``with`` block.
 
     Raises:
-        ModelFault: the network does not have ``outputs`` planes at the size of its input, reads a channel that does not
-            exist, or cannot be loaded.
+        ModelFault: it does not have ``outputs`` planes at the size of its input, or cannot be loaded.
     """
-    with open_network(name, job.engine) as network:
+    with open_network(name, engine) as network:
         what = network.description
         if len(what.outputs) != outputs or what.scale != 1:
             raise ModelFault(
                 f"network {name} gives {len(what.outputs)} planes at {what.scale} times the size; "
                 f"it has to give {outputs} at the same size"
             )
+        yield network
 
-        def write(one: Tile, values: Float32) -> None:
-            for part in strips(one.bottom - one.top, STRIP):
-                place = (slice(one.top + part.start, one.top + part.stop), slice(one.left, one.right))
-                keep(place, values[:, part], job.skin[place] * np.float32(1 / 255))
 
-        read = job.planes.read(what.channels)
-        run_tiles(network, read, job.planes.size, write, tile=job.tile, where=where, progress=job.progress)
+def translate(network: Network, job: MapInputs, keep: Keep, where: Bool | None = None) -> None:
+    """Run a network in tiles and pass each result to ``keep``, a few rows at a time.
+
+    Tiles lie around the marks of ``where`` (h, w) alone, a coarser map of the chart; None: everywhere.
+
+    Raises:
+        ModelFault: the network reads a channel that does not exist.
+    """
+
+    def write(one: Tile, values: Float32) -> None:
+        for part in strips(one.bottom - one.top, STRIP):
+            place = (slice(one.top + part.start, one.top + part.stop), slice(one.left, one.right))
+            keep(place, values[:, part], job.skin[place] * np.float32(1 / 255))
+
+    read = job.planes.read(network.description.channels)
+    run_tiles(network, read, job.planes.size, write, tile=job.tile, where=where, progress=job.progress)
 
 
 ELSEWHERE = 0.65
@@ -93,7 +103,8 @@ def specular_albedo(job: MapInputs) -> Codes:
     def keep(place: tuple[slice, slice], values: Float32, skin: Float32) -> None:
         result[place] = to_codes(elsewhere + skin * (np.clip(values[0], -1, 1) - elsewhere))
 
-    translate(networks_of("specular_albedo")[-1], job, 1, keep)
+    with open_translator(networks_of("specular_albedo")[-1], job.engine, 1) as psi:
+        translate(psi, job, keep)
     return result
 
 
@@ -125,7 +136,8 @@ def tangent_normals(stage: str, job: MapInputs) -> npt.NDArray[np.int16]:
             bare = skin * (1 - np.clip(covered(rows, columns)[0], 0, 1))
         result[place] = pack_slopes(bare * values[0], bare * values[1])
 
-    translate(networks_of(stage)[-1], job, 2, keep, where)
+    with open_translator(networks_of(stage)[-1], job.engine, 2) as network:
+        translate(network, job, keep, where)
     return result
 
 

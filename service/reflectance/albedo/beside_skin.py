@@ -9,6 +9,8 @@ teeth.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import cv2
 import numpy as np
 
@@ -27,12 +29,15 @@ BORDER = 6
 a line at the collar and along the chart's seams."""
 
 
-def pad_skin(albedo: Codes, subject: Subject) -> Codes:
+Values = TypeVar("Values", Codes, Float32)
+
+
+def pad_skin(albedo: Values, subject: Subject) -> Values:
     """The albedo, changed in place: texels at most ``BORDER`` within the skin's islands, and outside all islands where
     the nearest is skin, take the colour of the skin farther inside.
 
     Args:
-        albedo: (H, W, 3) codes.
+        albedo: (H, W, 3) codes, or anything else that delta tells.
         subject: whose chart it is; the albedo stays as it is where that shows no skin.
     """
     height, width = albedo.shape[:2]
@@ -54,7 +59,8 @@ def pad_skin(albedo: Codes, subject: Subject) -> Codes:
         if chosen.any():
             found = read_window(planes, (width, height), strip)
             chosen &= found[..., 3] > 0.999
-            albedo[strip][chosen] = np.rint(found[chosen, :3]).astype(albedo.dtype)
+            values = found[chosen, :3]
+            albedo[strip][chosen] = values if albedo.dtype.kind == "f" else np.rint(values)
 
     by_strips(height, fill)
     return albedo

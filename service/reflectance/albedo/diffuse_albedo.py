@@ -11,19 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.eyes import BRIGHTEST
 from service.arrays import Float32
-from service.colour import LUMA, Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
+from service.colour import FULL_CODE, LUMA, Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
 from service.corrections import Correction, Ledger
 from service.face.features.eye_colours import BETWEEN_LIDS
-from service.image_filters import blurred, shrunk
+from service.image_filters import blurred, each_around, shrunk
 from service.light.scene import BRIGHT
 from service.reflectance.albedo.albedo_prior import DARKEST, clues, error_model
-from service.reflectance.albedo.beside_skin import as_told
+from service.reflectance.albedo.beside_skin import CODED_LIFT, as_told, pad_skin
 from service.reflectance.albedo.corrections import (
     GREY_HAIR,
     LIGHT_CONTRAST,
@@ -37,8 +37,9 @@ from service.reflectance.albedo.corrections import (
     evenness,
 )
 from service.reflectance.albedo.highlights import HIGHLIGHTS
-from service.reflectance.planes import Planes
-from service.reflectance.translate import MapInputs, translate
+from service.reflectance.planes import Planes, read_window
+from service.reflectance.subject import Subject
+from service.reflectance.translate import MapInputs, open_translator, resample, translate
 from service.robust import agreement, smoothstep
 from service.runtime.network_registry import EYES, INPAINTED, LIDS, LIT, PARTS, SHOWN, TEXTURE, networks_of
 from service.runtime.networks import Network, open_network
@@ -169,6 +170,28 @@ def asked(network: Network, planes: Planes, cloth: float = 0.0) -> tuple[ChartLi
     return ChartLight(light, light, texture, lit, inside, clue(INPAINTED, 0.0), shown, cloth), lids, white_seen
 
 
+LIFTED = np.float32(1 + 2 * CODED_LIFT / FULL_CODE)
+"""Added to codes in [-1, 1], so that a factor on them is one on linear values (``beside_skin.scaled``)."""
+
+
+def halved_light(delta: Network, texture: Codes, job: MapInputs, subject: Subject) -> Float32:
+    """(3, H / 2, W / 2) float32 factors on lifted codes by which the network takes the light off at half the size.
+
+    That light is smooth where no photo shows the skin; what detail is drawn there is the texture's.
+    """
+    size = (job.planes.size[0] // 2, job.planes.size[1] // 2)
+    planes, small = job.planes.coarse_at(size), resample(texture, size)
+    planes.add_codes("texture", small)
+    factor = np.zeros(small.shape, np.float32)
+
+    def keep(place: tuple[slice, slice], values: Float32, skin: Float32) -> None:
+        factor[place] = (np.moveaxis(np.clip(values, -1, 1), 0, 2) + LIFTED) / (from_codes(small[place]) + LIFTED)
+
+    whole = np.full(small.shape[:2], 255, np.uint8)
+    translate(delta, replace(job, planes=planes, skin=whole, progress=lambda done: None), keep)
+    return np.moveaxis(pad_skin(factor, subject), 2, 0)
+
+
 LIGHT_NETWORK, NETWORK = networks_of("diffuse_albedo")
 """The first sees the light of the whole chart, the second takes it off."""
 
@@ -192,13 +215,7 @@ def without(light: Float32, coded: Float32) -> Float32:
     return linear_to_srgb(np.minimum(linear, np.float32(BRIGHTEST))) * np.float32(2) - np.float32(1)
 
 
-def diffuse_albedo(
-    texture: Codes,
-    job: MapInputs,
-    ledger: Ledger | None = None,
-    photos: Sequence[PhotoTexture] = (),
-    cloth: float = 0.0,
-) -> Delit:
+def diffuse_albedo(texture: Codes, job: MapInputs, subject: Subject, ledger: Ledger) -> Delit:
     """The albedo of a texture (H, W, 3), which is among the job's planes as ``texture_*``.
 
     The network has seen skin only. What is no skin has the albedo of the planes ``PARTS``; without them the texture
@@ -207,22 +224,19 @@ def diffuse_albedo(
     Args:
         texture: codes.
         job: what the network is given.
+        subject: whose texture it is; where it is ``unseen``, the light is that at half the size.
         ledger: which corrections run; it counts what they change.
-        photos: what each of several photos shows.
-        cloth: linear luminance of the brightest cloth in the photo; 0: none is seen.
 
     Raises:
         ModelFault: a network is missing, changed, or does not fit.
     """
-    ledger = ledger or Ledger()
     with open_network(LIGHT_NETWORK, job.engine) as network:
-        found = found_by(network, job.planes, ledger, photos, cloth)
+        found = found_by(network, job.planes, ledger, subject.photos, subject.cloth)
         job.planes.add_coarse(network.description.planes(len(found.light)), found.light)
     result = np.zeros_like(texture)
     parts = job.planes.read(PARTS) if set(PARTS) <= set(job.planes.channels) else None
 
-    def keep(place: tuple[slice, slice], values: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> None:
-        albedo = np.moveaxis(np.clip(values, -1, 1), 0, 2)
+    def beside_parts(place: tuple[slice, slice], albedo: Float32, skin: Float32) -> Codes:
         rows, columns = (np.arange(s.start, s.stop) for s in place)
         if skin.min() < 1:
             if parts is not None:
@@ -230,9 +244,24 @@ def diffuse_albedo(
             else:
                 kept = without(found.between, from_codes(texture[place]))
             albedo = kept + skin[..., None] * (albedo - kept)
-        result[place] = to_codes(albedo)
+        return to_codes(albedo)
 
-    translate(NETWORK, job, 3, keep)
+    def keep(place: tuple[slice, slice], values: Float32, skin: Float32) -> None:
+        result[place] = beside_parts(place, np.moveaxis(np.clip(values, -1, 1), 0, 2), skin)
+
+    with open_translator(NETWORK, job.engine, 3) as delta:
+        translate(delta, job, keep, None if subject.unseen is None else subject.unseen < 1)
+        halved = None if subject.unseen is None else (*halved_light(delta, texture, job, subject), subject.unseen)
+
+    def fade(planes: Sequence[Float32], rows: slice, columns: slice) -> None:
+        place = (rows, columns)
+        window, own = read_window(planes, job.planes.size, *place), from_codes(result[place])
+        told, share = (from_codes(texture[place]) + LIFTED) * window[..., :3] - LIFTED, window[..., 3:]
+        mixed = beside_parts(place, own + share * (told - own), job.skin[place] * np.float32(1 / 255))
+        np.copyto(result[place], mixed, where=share > 0)
+
+    if halved is not None:
+        each_around(halved[-1] > 0, result.shape, partial(fade, halved))
     if ledger.runs(TOLD_LIGHT):
         skin = shrunk(job.skin, found.believed.shape[::-1]) * np.float32(1 / 255)
         result, factor = as_told(result, found.albedo, found.believed * skin)
