@@ -24,7 +24,7 @@ def agreement(values: Float32, weights: Float32, shown: Bool, scale: float) -> F
     return np.asarray(np.where(shown.sum(0) >= 3, near, 1.0), np.float32)
 
 
-def smoothstep(value: AnyFloat, low: float, high: float) -> Float32:
+def smoothstep(value: AnyFloat, low: AnyFloat | float, high: AnyFloat | float) -> Float32:
     """Cubic ramp of values of any shape, from 0 at ``low`` to 1 at ``high``, which may be less than ``low``."""
     t = np.clip((value - low) / (high - low), 0.0, 1.0)
     return np.asarray(t * t * (3 - 2 * t), np.float32)

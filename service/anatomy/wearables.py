@@ -20,7 +20,7 @@ from service.face.fit.fit import Fit
 from service.face.reading.part_labels import BROW
 from service.face.reading.reader import PART_CELLS, Reading
 from service.geometry.chart import Chart, nearest_inside
-from service.geometry.mesh import area_normals, laplacian, smooth_fit
+from service.geometry.mesh import area_normals, laplacian, smooth_fit, unit
 from service.geometry.nearest import Nearest
 from service.geometry.raster import fragments, interpolate, rasterise
 from service.geometry.remesh import split_in_four
@@ -246,9 +246,13 @@ def _tangent(part: MeshPart, item: Item, head: HeadModel, fit: Fit) -> MeshPart:
         # On the seam the two meshes share straight edges.
         columns[:, :6] += np.tile(fading * back * (columns[:, -1:] < 1), 2)
         _round_off(columns[:, :6], triangles, rounds)
+    # What is left of the turn at the seam, where each mesh knows its own side alone, fades away over the bust.
+    own = area_normals(columns[:, :3], triangles)
+    turn = np.einsum("nk,nki->ni", share, (normals - own[at])[which])
     f = np.float32
     return replace(
         part,
+        normals=unit(own + (fading * turn).astype(f)),
         neutral=columns[:, :3].astype(f),
         vertices=columns[:, 3:6].astype(f),
         uv=columns[:, 6:8].astype(f),

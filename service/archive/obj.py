@@ -57,14 +57,14 @@ def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str) -> bytes:
 def parts_obj_bytes(parts: Sequence[MeshPart], title: str) -> bytes:
     """OBJ text of parts beside the head's own, in the photo's expression; materials are those of ``head.mtl``.
 
-    They have one smoothing group each and no normals, which every reader computes, but for masked cards. Places on the
-    chart and normals that are alike are written once.
+    They have one smoothing group each and no normals, which every reader computes, but for parts that are lit with
+    others. Places on the chart and normals that are alike are written once.
     """
     points = [part.vertices for part in parts]
     charts = [_distinct(part.uv, PART_DIGITS["vt"]) for part in parts]
     normals = [
         _distinct(part_normals(part, part.vertices, split_polygons(part.polygons)), PART_DIGITS["vn"])
-        if is_cards(part) else None
+        if is_cards(part) or part.normals is not None else None
         for part in parts
     ]  # fmt: skip
     faces, before = [], np.zeros(3, np.int64)

@@ -39,6 +39,9 @@ Combing = Callable[[Float32, Float32], tuple[Float32, Float32]]
 """Says for points (N, 3) and the body's normals (N, 3) which way hair is combed, (N, 3) unit, and how sure, (N,)."""
 SIDES_RAD = 0.85
 """Azimuth at which front becomes side; side becomes back at pi minus it."""
+LAYERED_MM, LAYERED_RAD = 130.0, (0.25, 0.65)
+"""Difference in length of top and sides that spreads over two radians of elevation, and half of the least and of the
+largest such span."""
 
 
 WISPS_EDGE, WISP_M, WISP_LENGTHS_M = 0.45, 0.007, (0.04, 0.2)
@@ -91,8 +94,10 @@ def lengths(style: Style, roots: Roots, rng: np.random.Generator) -> Float32:
     """(N,) metres of each strand by where it grows."""
     front = smoothstep(np.abs(roots.azimuth), SIDES_RAD + 0.25, SIDES_RAD - 0.25)
     back = smoothstep(np.abs(roots.azimuth), np.pi - SIDES_RAD - 0.3, np.pi - SIDES_RAD + 0.3)
-    high = smoothstep(roots.elevation, 0.45, 0.95)
     around = back * style.back_mm + (1 - back) * style.sides_mm
+    # Hair is cut layer by layer: over a sharper border all ends would lie at one height and make a step.
+    layered = np.clip(np.abs(style.top_mm - around) / LAYERED_MM, *LAYERED_RAD)
+    high = smoothstep(roots.elevation, 0.7 - layered, 0.7 + layered)
     low_front = front * (1 - smoothstep(roots.elevation, 0.85, 1.1))
     length = high * style.top_mm + (1 - high) * around
     length = low_front * style.fringe_mm + (1 - low_front) * length

@@ -42,7 +42,8 @@ class MeshPart:
         bone: the joint that carries the part.
         replaces: names of the head's own parts in place of which this one stands; files and pictures leave those out.
         normals: (N, 3) float32 unit, with which a part is lit in every pose in place of those of its surface: cards of
-            hair lie at all angles, and have those of the body of hair that they make up.
+            hair lie at all angles, and have those of the body of hair that they make up; the bust has the neck's where
+            it meets that.
     """
 
     name: str
@@ -167,8 +168,8 @@ def part_triangles(polygons: Int32, like: Int32 | None = None) -> Int32:
 
 
 def is_cards(part: MeshPart) -> bool:
-    """Whether a part is masked cards, which are lit with other normals than those of their surface."""
-    return part.normals is not None or part.material.alpha == "mask"
+    """Whether a part is cards, which are lit with other normals than those of their surface."""
+    return part.material.alpha == "mask" or (part.normals is not None and part.material.alpha == "blend")
 
 
 def part_normals(part: MeshPart, vertices: AnyFloat, triangles: AnyInt) -> Float32:

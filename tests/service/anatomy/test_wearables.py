@@ -70,6 +70,7 @@ def test_the_bust_leaves_the_neck_in_its_tangent_planes() -> None:
     plain = item.worn(fit.neutral - ITEMS.fitted_head)
     assert turn(area_normals(plain, item.triangles)[at]) > 15, "without: a kink"
     assert turn(area_normals(bust.neutral, bust.faces)[at]) < 10
+    assert bust.normals is not None and turn(bust.normals[at]) < 0.5, "a highlight would end at the seam"
     np.testing.assert_allclose(bust.neutral[at], fit.neutral[of], atol=2e-5)
     # Far from the seam the shoulders are the base mesh's, less its corners.
     far = np.flatnonzero(np.abs(plain[:, 0]) > 0.15)
