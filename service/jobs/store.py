@@ -28,9 +28,6 @@ OWNERS = {
 }  # fmt: skip
 """Columns that tell of the photo and of the request, as they are when nothing of both may be known any more."""
 
-ASKED = 500
-"""Jobs that are looked up at a time."""
-
 
 class Store:
     """Reads and changes jobs; safe for many threads and processes at once."""
@@ -62,15 +59,10 @@ class Store:
             query = query.where(JOBS.c.state == state)
         return self._all(query.order_by(JOBS.c.created_at.desc(), JOBS.c.id.desc()).limit(limit))
 
-    def versions(self, jobs: Sequence[str]) -> dict[str, int]:
-        """Number of the last event of each of these jobs that is known."""
-        found: dict[str, int] = {}
+    def known(self) -> set[str]:
+        """Ids of all jobs."""
         with self.engine.connect() as connection:
-            for first in range(0, len(jobs), ASKED):
-                part = JOBS.c.id.in_(jobs[first : first + ASKED])
-                rows = connection.execute(sa.select(JOBS.c.id, JOBS.c.events).where(part))
-                found |= {row.id: row.events for row in rows}
-        return found
+            return set(connection.execute(sa.select(JOBS.c.id)).scalars())
 
     def events(self, job: str, after: int, limit: int = 500) -> list[Row]:
         """Events of a job with numbers above ``after``: ``n``, ``name``, ``body`` (JSON text)."""

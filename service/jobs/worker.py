@@ -111,8 +111,7 @@ class Janitor:
         its job.
         """
         artifacts, moment = self._runner.artifacts, time.monotonic()
-        found = artifacts.jobs()
-        unknown = set(found) - set(self._store.versions(found))
+        unknown = set(artifacts.jobs()) - self._store.known()
         self._unknown = {job: self._unknown.get(job, moment) for job in unknown}
         for job, since in self._unknown.items():
             if moment - since >= STRAY:
