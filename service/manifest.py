@@ -140,7 +140,7 @@ class Integration(_Strict):
 
     iterations: Annotated[int, Ge(0)]
     residual: Annotated[float, Ge(0)]
-    """Norm of the residual over that of the right-hand side."""
+    """Norm of the residual before the last iteration over that of the right-hand side."""
     ignored_fraction: Fraction
     """Share of the texels whose normals were not usable."""
 

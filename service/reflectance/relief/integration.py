@@ -16,9 +16,9 @@ import numpy as np
 from service.arrays import Bool, Float32
 from service.image_filters import by_strips
 
-TOLERANCE = 3e-3
-"""Relative residual, in the norm of the preconditioner, at which the solver stops: errors are at most a thousandth of
-the relief."""
+TOLERANCE = 4.5e-3
+"""Relative residual, in the norm of the preconditioner, from which on the solver takes one more step, the last. What
+that leaves, about 0.6 of it, is not measured: that would take two cosine transforms, a quarter of the time."""
 
 MOST_STEPS = 12
 """Most steps of conjugate gradients."""
@@ -26,7 +26,7 @@ MOST_STEPS = 12
 
 @dataclass(frozen=True)
 class Heights:
-    """Heights (H, W) float32, 0 outside the mask, of mean 0 over it; steps taken; and the relative residual."""
+    """Heights (H, W) float32, 0 outside the mask, of mean 0 over it; steps taken; relative residual before the last."""
 
     height: Float32
     steps: int
@@ -46,7 +46,7 @@ def solve(
         rest: (H, W) float32 right-hand side; overwritten.
         mask: (H, W) bool; a texel that is False is in no equation. Regions that do not touch are independent, and the
             constant of each is undetermined; the mean over all is set to 0.
-        tolerance: relative residual to stop at.
+        tolerance: relative residual from which on a step is the last.
         most_steps: of conjugate gradients.
     """
     whole_height = np.zeros(mask.shape, np.float32)
@@ -60,7 +60,7 @@ def solve(
     search = step
     del step
     taken = 0
-    while taken < most_steps and energy > tolerance * tolerance * whole and energy > 0:
+    while taken < most_steps and energy > 0:
         applied = _laplacian(search, mask)
         curvature = _dot(search, applied)
         if not curvature > 0:
@@ -71,13 +71,15 @@ def solve(
         np.multiply(search, length, out=applied)
         height += applied
         del applied
+        taken += 1
+        if energy <= tolerance * tolerance * whole:
+            break
         step = precondition(rest)
         following = _dot(rest, step)
         search *= np.float32(following / energy)
         search += step
         del step
         energy = following
-        taken += 1
     height -= np.float32(height.sum(dtype=np.float64) / max(int(mask.sum()), 1))
     height *= mask
     return Heights(whole_height, taken, float(np.sqrt(max(energy, 0.0) / whole)))

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from service.reflectance.relief import integration
 from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, Heights, divergence, solve
 
 Float = npt.NDArray[np.float32]
@@ -92,3 +93,20 @@ def test_few_planes_are_held_at_once() -> None:
     most = tracemalloc.get_traced_memory()[1] / slope.nbytes
     tracemalloc.stop()
     assert most < 5.2, "6.0 with planes of edges"
+
+
+def test_the_last_step_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One transform there and back for each step, and none to learn what the last one left."""
+    calls = []
+
+    class Counted(integration._Rectangle):
+        def __call__(self, rest: Float) -> Float:
+            calls.append(1)
+            return super().__call__(rest)
+
+    monkeypatch.setattr(integration, "_Rectangle", Counted)
+    x, y = grid(90, 120)
+    mask = (x - 60) ** 2 + (y - 45) ** 2 < 40**2
+    solved = integrate(np.cos(x / 9) / 9, 0 * y, mask)
+    assert len(calls) == solved.steps > 1
+    assert 0 < solved.residual <= TOLERANCE
