@@ -111,13 +111,21 @@ def marked_columns(marked: Bool, size: tuple[int, int], rows: slice, grid: int =
     return first, min(-(-int((where[-1] + 2) * across) // grid) * grid, size[0])
 
 
+ACROSS = 1024
+"""Columns of a strip of :func:`each_around`: several planes of it stay in the cache."""
+
+
 def each_around(mask: Bool, shape: tuple[int, ...], change: Callable[[slice, slice], None]) -> None:
-    """Call a function of rows and columns for strips of the full map that texels of a small one (h, w) lie on."""
+    """Call a function of rows and columns for parts of the full map that texels of a small one (h, w) lie on."""
     tall, wide = shape[:2]
+    across = mask.shape[1] / wide
 
     def work(rows: slice) -> None:
-        columns = marked_columns(mask, (wide, tall), rows)
-        if columns is not None:
-            change(rows, slice(*columns))
+        first, beyond = marked_columns(mask, (wide, tall), rows) or (0, 0)
+        for begin in range(first, beyond, ACROSS):
+            end = min(begin + ACROSS, beyond)
+            near = slice(max(int(begin * across) - 1, 0), int(np.ceil(end * across)) + 1)
+            if marked_columns(mask[:, near], (end - begin, tall), rows) is not None:
+                change(rows, slice(begin, end))
 
     by_strips(tall, work)

@@ -107,6 +107,6 @@ def test_the_last_step_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(integration, "_Rectangle", Counted)
     x, y = grid(90, 120)
     mask = (x - 60) ** 2 + (y - 45) ** 2 < 40**2
-    solved = integrate(np.cos(x / 9) / 9, 0 * y, mask)
+    solved = integrate((np.cos(x / 9) / 9).astype(np.float32), 0 * y, mask)
     assert len(calls) == solved.steps > 1
     assert 0 < solved.residual <= TOLERANCE
