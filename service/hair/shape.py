@@ -57,6 +57,9 @@ BRIDGED = 0.5
 """How bald a style is at a place from which on nothing is added there."""
 SURE = 0.7
 """How surely the photo has to show hair at a root beyond the usual hairline."""
+TOGETHER, ALONE = 3, 4.0
+"""Roots next to such a root, and the distance of the farthest of them, over the usual one between roots, from which on
+it stands alone."""
 
 
 def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) -> Groom:
@@ -75,6 +78,10 @@ def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generato
     wanted = shown & (apart > 1.5 * usual)
     if not wanted.any():
         return groom
+    # A few strands that stand alone would be a spot on the skin.
+    places = more.position[wanted]
+    away = Nearest(np.concatenate([groom.strands[:, 0], places]))(places, TOGETHER + 1)[0]
+    wanted[wanted] = away[:, -1] < ALONE * usual
     roots = more.chosen(wanted)
     like = like[wanted]
     return groom.joined(roots.position[:, None] - groom.strands[like, :1] + groom.strands[like], roots.uv, like)

@@ -13,6 +13,7 @@ import pytest
 from service.colour import linear_to_srgb, luma
 from service.errors import ModelFault, UsageError
 from service.face.region import Region
+from service.geometry.nearest import Nearest
 from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
 from service.hair.bank import Matches, kind_of, match, mirrored, read_bank
 from service.hair.colour import COLOURS, KNOTS, SHINE, as_absorbed, asked_colour
@@ -34,6 +35,7 @@ from service.hair.reading import CELLS
 from service.hair.scalp import CENTRE, Scalp
 from service.hair.shape import (
     BUST_M,
+    FRINGED,
     filled,
     fitted,
     seen_share,
@@ -150,6 +152,20 @@ def test_a_lock_is_bent_neither_off_the_skull_nor_over_a_bald_one() -> None:
     for _ in range(4):  # each goes on from what the one before has bent: a lock lay across the forehead
         combed = filled(combed, rimmed, SKIN, rng)
     assert combed.strands[..., 1].max() < bald.groom.strands[..., 1].max() + 0.01
+
+
+def test_a_few_roots_that_stand_alone_are_not_added() -> None:
+    """A speck that is read as hair on the temple, far from the hairline, became a black spot; a patch is hair."""
+    groom = (seen := photographed(NAMED["crop"], 3, HEAD)).groom
+    roots = SKIN.roots(len(groom), np.random.default_rng(0), least=FRINGED)
+    (rows, columns), visible = seen.sight.visible(*seen.sight.project(roots.position))
+    away = Nearest(groom.strands[:, 0]).one(roots.position)[0] * (visible & (seen.sight.facing(roots) > 0.3))
+    row, column = rows[away.argmax()], columns[away.argmax()]
+    for wide, some in ((0, False), (6, True)):
+        hair = np.zeros_like(seen.sight.hair)
+        hair[row - wide : row + wide + 1, column - wide : column + wide + 1] = 1
+        sight = dataclasses.replace(seen.sight, hair=hair, known=np.ones_like(hair))
+        assert (len(to_hairline(groom, sight, SKIN, np.random.default_rng(0))) > len(groom)) == some, wide
 
 
 def test_long_hair_covers_the_whole_ear() -> None:
