@@ -44,6 +44,8 @@ RIM_CELLS, LIKE_SKIN = 250, 0.5
 as bright as the skin: the thinnest real hair, of short sides beside a bald top, is 1.06 darker."""
 LEAST_SCALP = 0.35
 """Least share of the scalp in the picture that has to be seen for the hair not to be in doubt."""
+LEAST_BARE = 0.08
+"""Least share that has to be seen for a head to be bald that is bare there: hats leave less."""
 POOR, DOUBTFUL = 0.6, 0.5
 """Overlap, and probability of the kind, below which either is in doubt."""
 STRANDS_A_TRIAL = 800
@@ -99,7 +101,7 @@ def see_hair(
     matches = match(read_bank(), sight, fit, head, read)
     grown, known = _on_scalp(sight, skin)
     seen = SeenHair(skin, read, sight, matches, known < LEAST_SCALP)
-    if seen.unseen:
+    if seen.unseen and not (grown < BALD and known > LEAST_BARE):
         return seen
     return replace(seen, without="bald" if grown < BALD or only_skin(photo, sight) else "")
 
@@ -120,6 +122,7 @@ def grow_hair(seen: SeenHair, photo: Photo, fit: Fit, asked: AskedHair, strands:
     if skin is None or seen.without:
         kinds = {seen.without: 1.0} if matches is not None else {}
         why: tuple[WarningCode, ...] = ("hair-not-for-this-head",) if skin is None and asked.style != NONE else ()
+        why += ("hair-unseen",) if seen.unseen else ()
         return WornHair(None, seen.without, kinds, np.zeros(0, np.float32), doubts=why)
     person = USUAL_SKIN if fit.cheek is None else np.asarray(srgb_to_linear(fit.cheek), np.float32)
     if seen.read is None or sight is None or matches is None:

@@ -14,6 +14,7 @@ from service.colour import linear_to_srgb, luma
 from service.errors import ModelFault, UsageError
 from service.face.region import Region
 from service.geometry.nearest import Nearest
+from service.hair import find_hair as find_hair_module
 from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
 from service.hair.bank import Matches, kind_of, match, mirrored, read_bank
 from service.hair.colour import COLOURS, KNOTS, SHINE, as_absorbed, asked_colour
@@ -617,6 +618,23 @@ def test_hair_that_is_not_seen_is_guessed_and_says_so() -> None:
     same = find_hair(HEAD, AskedHair(), 300)
     assert same.groom is not None
     np.testing.assert_array_equal(found.groom.strands, same.groom.strands)
+
+
+@pytest.mark.parametrize(("least", "called"), [(0.12, "bald"), (0.0, "")])
+def test_a_skull_is_bald_where_the_little_that_is_seen_of_it_is(
+    least: float, called: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bald man whose photo ends above the forehead wore the crop of whom a hat hides; a hat leaves even less."""
+    seen = photographed(NAMED["crop"], 3, HEAD)
+    bare = dataclasses.replace(seen.reading, mask=np.zeros_like(seen.reading.mask))
+    for row in range(CELLS - 1, 0, -1):
+        rows = np.arange(CELLS)[:, None] >= row
+        read = dataclasses.replace(bare, known=bare.known * np.asarray(rows, np.float32))
+        if find_hair_module._on_scalp(Sight.of(read, seen.fit, HEAD), SKIN)[1] > least:
+            break
+    monkeypatch.setattr(find_hair_module, "read_hair", lambda *_: read)
+    found = see_hair(picture_of(np.full(3, 0.2)), HEAD, seen.fit, object(), AskedHair())  # type: ignore[arg-type]
+    assert found.unseen and found.without == called
 
 
 def test_hair_that_is_seen_to_hang_is_not_called_short() -> None:
