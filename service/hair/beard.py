@@ -61,6 +61,8 @@ REACHES, FEWEST = 0.42, 8
 """Probability of beard on the corner of the jaw from which on it reaches the ears, and fewest vertices that tell."""
 BESIDE_CELLS = 7.0
 """Standard deviation of the blur that tells the skin beside a cell: 17 mm."""
+GOES_ON_M, ROUND_JAW = 0.16, 12
+"""Distance at which a beard has ended that goes on along the unseen jaw, and vertices that tell how it does."""
 NECK_M, JAW_RISES = -0.113, 0.25
 """Height in the head's frame below which no beard grows under the chin, and how much higher that is further back."""
 SPLITS = 2
@@ -152,7 +154,8 @@ def _seen(photo: Photo, head: HeadModel, fit: Fit, reading: Reading, scalp: Scal
     sides = _sideburns(head, shown, seen)
     both = np.maximum(zone, sides)
     most = np.maximum(shown, missed * sight.read(as_dark, fit.vertices)[0])
-    other = np.where(seen, most, np.where(seen[head.mirror], most[head.mirror], 0))
+    most = np.where(seen, most, np.where(seen[head.mirror], most[head.mirror], 0))
+    other = _along_jaw(head, most, seen | seen[head.mirror], both)
     of_skin = head.triangle_part == head.part_names.index("skin")
     triangles, uv = head.triangles[of_skin], head.uv[head.triangle_uv[of_skin]]
     kept = (both[triangles] > 0.02).all(1)
@@ -174,6 +177,17 @@ def _seen(photo: Photo, head: HeadModel, fit: Fit, reading: Reading, scalp: Scal
     if float(skin.area[(grows > EDGE).all(1)].sum()) < LEAST_SHARE * whole:  # on so little roots are hard to place
         return None
     return Seen(skin, min(float((skin.area * grows.mean(1)).sum()) / whole, 1.0), sight, read, hangs)
+
+
+def _along_jaw(head: HeadModel, shown: Float32, seen: Bool, zone: Float32) -> Float32:
+    """(V,) as ``shown``, and where neither side is seen of the ``zone`` (V,) as on the nearest skin that is."""
+    known, lacking = np.flatnonzero(seen & (zone > 0.1)), np.flatnonzero(~seen & (zone > 0.1))
+    if not len(known) or not len(lacking):
+        return shown
+    away, near = Nearest(head.mean[known])(head.mean[lacking], ROUND_JAW)
+    on = shown.copy()
+    on[lacking] = shown[known[near]].mean(1) * ramp(-away.mean(1), (-GOES_ON_M, 0.0))
+    return on
 
 
 def _under_nose(head: HeadModel) -> Float32:

@@ -98,13 +98,26 @@ def test_a_beard_that_reaches_the_ears_goes_on_to_the_hair() -> None:
     """The reader knows no sideburns: between beard and hair lay a bare strip. A goatee has none."""
     photo, fit, reading = photographed(yaw=50.0)
     assert (grown(photo, fit, reading).groom.strands[:, 0, 1] > -0.02).sum() > 20
+    made = goatee_of(photo, fit, reading)
+    assert made is None or (made.groom.strands[:, 0, 1] > -0.02).sum() == 0
+
+
+def goatee_of(photo: Photo, fit: Fit, reading: Reading) -> Beard | None:
+    """Of the same photo with no beard beside the chin."""
     goatee = reading.parts.copy()
     at = reading.region.to_crop(fit.camera.project(HEAD.mean[HEAD.region("chin") > 0.5]), PART_CELLS)
     beside = np.ones((PART_CELLS, PART_CELLS), np.bool_)
     beside[:, int(at[:, 0].min()) - 8 : int(at[:, 0].max()) + 8] = False
     goatee[beside, BEARD] = 0
-    made = grow_beard(photo, HEAD, fit, dataclasses.replace(reading, parts=goatee), SCALP, 5000, 0)
-    assert made is None or (made.groom.strands[:, 0, 1] > -0.02).sum() == 0
+    return grow_beard(photo, HEAD, fit, dataclasses.replace(reading, parts=goatee), SCALP, 5000, 0)
+
+
+def test_a_beard_goes_on_along_the_jaw_that_no_photo_shows_and_a_goatee_does_not() -> None:
+    """From the front, strands ended where the jaw turns away, and a dark patch of the completed skin went on."""
+    photo, fit, reading = photographed()
+    assert (grown(photo, fit, reading).groom.strands[:, 0, 2] < -0.03).sum() > 500
+    made = goatee_of(photo, fit, reading)
+    assert made is not None and not (made.groom.strands[:, 0, 2] < -0.03).any()
 
 
 def test_shade_and_stubble_grow_no_strands() -> None:
