@@ -48,7 +48,7 @@ LOCK_MM, GAP_MM, RIM_MM = 1.5, 5.0, 5.0
 outline of the hair within which a gap is none."""
 DEEP_M = 0.008
 """Depth below the locks on both sides of it from which on a gap is a slit."""
-SLIT_MM2, SLITS, HOLE_MM2 = 30.0, 0.02, 100.0
+SLIT_MM2, SLITS, HOLE_MM2 = 40.0, 0.02, 100.0
 """Largest slit that is allowed, the share of slits in the hair, and largest bare place in the hair of back and crown: a
 loan, as no slit is wanted. With inner ribbons 1.35 times as wide as their locks the share is 0.032 at the back.
 """
