@@ -128,7 +128,7 @@ def _part(
     points, has_uv = mesh.vertices.astype(np.float32), (mesh.polygon_uv[:, 0] >= 0).all()
     uv, uv_faces = (mesh.uv, mesh.polygon_uv) if has_uv else (np.zeros((len(points), 2)), None)
     normals = None
-    if mesh.normals is not None:
+    if mesh.normals is not None and mesh.normals.any():
         normals = np.asarray(normalise(mesh.normals, (0.0, 1.0, 0.0)), np.float32)
     try:
         return MeshPart(

@@ -19,7 +19,10 @@ from service.archive.obj import read_obj
 from service.archive.pack import archive_members
 from service.archive.reading import described_parts, open_avatar, unpack_map
 from service.errors import BadArchive, BadMesh
-from tests.service.archive.toys import toy_avatar
+from service.head.files import split_polygons
+from service.materials.material import Material
+from service.materials.part import part_normals
+from tests.service.archive.toys import toy_avatar, whole_avatar
 
 Files = dict[str, bytes]
 
@@ -64,6 +67,20 @@ def changed(**parts: bytes | None) -> Files:
 def test_what_is_no_archive_of_ours_is_refused(files: Callable[[], Files], words: str) -> None:
     with pytest.raises(BadArchive, match=words):
         open_avatar(zipped(files()), ("texture",))
+
+
+def test_parts_are_lit_as_they_were_made() -> None:
+    """Beside a part with normals of its own, all others were lit as if they faced upwards: eyes and teeth were dark."""
+    avatar = whole_avatar()
+    [sheet] = avatar.parts
+    turned = replace(sheet, normals=np.tile(np.array([0.6, 0.0, 0.8], np.float32), (len(sheet.vertices), 1)))
+    plain = replace(sheet, name="plain", material=Material("plain", colour_map=sheet.material.colour_map))
+    made = replace(avatar, parts=(turned, plain))
+    stored_parts = open_avatar(zipped(dict(archive_members(made))), ("diffuse_albedo",)).parts
+    read = {part.name: part for part in stored_parts}
+    for part in made.parts:
+        own, stored = (part_normals(p, p.vertices, split_polygons(p.polygons)) for p in (part, read[part.name]))
+        np.testing.assert_allclose(stored.mean(0), own.mean(0), atol=0.02, err_msg=part.name)
 
 
 @pytest.mark.parametrize("data", [b"", b"PK\x05\x06" + bytes(18), b"not a zip"])
