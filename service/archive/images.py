@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -149,7 +149,7 @@ def encode_png(image: UInt8 | UInt16, *, srgb: bool) -> bytes:
 
     ways = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
     planes = image if image.ndim == 2 else cv2.cvtColor(image, ways[image.shape[2]])
-    data = cv2.imencode(".png", planes, [cv2.IMWRITE_PNG_COMPRESSION, 4])[1].tobytes()
+    data = _encoded(".png", planes, [cv2.IMWRITE_PNG_COMPRESSION, 4])
     if not srgb:
         return data
     return data[:_AFTER_IHDR] + png_chunk(b"sRGB", bytes([SRGB_PERCEPTUAL])) + data[_AFTER_IHDR:]
@@ -163,7 +163,17 @@ def encode_jpeg(image: UInt8, quality: int = 90) -> bytes:
         cv2.IMWRITE_JPEG_QUALITY, quality,
         cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
     ]  # fmt: skip
-    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), settings)[1].tobytes()
+    return _encoded(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), settings)
+
+
+def _encoded(suffix: str, image: Any, settings: Sequence[int]) -> bytes:
+    """What OpenCV's encoder makes; NumericFault where it refuses the image, for which it would give no bytes."""
+    import cv2
+
+    done, buffer = cv2.imencode(suffix, image, settings)
+    if not done:
+        raise NumericFault(f"the {suffix[1:]} encoder refused an image of shape {image.shape} and type {image.dtype}")
+    return buffer.tobytes()
 
 
 _EXR_MAGIC, _EXR_VERSION = 20000630, 2

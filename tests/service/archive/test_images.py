@@ -15,6 +15,7 @@ from service.archive.images import (
     STRIP_ROWS,
     Rows,
     decode_normals8,
+    encode_jpeg,
     encode_normals8,
     encode_png,
     encode_png_rows,
@@ -86,3 +87,12 @@ def test_what_goes_in_comes_out(size: tuple[int, int], channels: tuple[int, ...]
     with Image.open(io.BytesIO(data)) as opened:
         opened.load()  # Pillow checks every chunk's sum
         assert opened.size == size[::-1] and "srgb" not in opened.info
+
+
+def test_an_image_that_the_encoder_refuses_is_a_fault_and_no_empty_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cv2.imencode", lambda *_: (False, np.zeros(0, np.uint8)))
+    image = np.zeros((4, 4, 3), np.uint8)
+    with pytest.raises(NumericFault, match="png encoder refused"):
+        encode_png(image, srgb=True)
+    with pytest.raises(NumericFault, match="jpg encoder refused"):
+        encode_jpeg(image)
