@@ -168,7 +168,12 @@ class FaceFinder:
         """All faces of an (H, W, 3) uint8 sRGB photo, largest box first; an empty list when there is none.
 
         Landmarks are in the frame of the photo as given, also for a face that lies on its side or stands on its head.
+
+        Raises:
+            ValueError: pixels have another shape or type.
         """
+        if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or not pixels.size:
+            raise ValueError(f"pixels must be (H, W, 3) uint8 and not empty, not {pixels.shape} {pixels.dtype}")
         return sorted(self._search(pixels), key=lambda face: -face.area)
 
     def doubted(self, pixels: UInt8) -> list[Detection]:

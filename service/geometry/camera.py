@@ -91,8 +91,14 @@ def nearest_rotation(matrix: Float64) -> Float64:
 
 
 def ahead(ray: Float64) -> Float64:
-    """(3, 3) smallest rotation that takes a ray (3,) with z > 0 to the z axis; the rows are orthonormal axes."""
-    x, y, z = ray / float(np.linalg.norm(ray))
+    """(3, 3) smallest rotation that takes a ray (3,) with z > 0 to the z axis; the rows are orthonormal axes.
+
+    ValueError: the ray does not lead forward.
+    """
+    length = float(np.linalg.norm(ray))
+    if not np.isfinite(length) or not ray[2] > 0:
+        raise ValueError(f"the ray {ray.tolist()} does not lead forward: its third component must be above 0")
+    x, y, z = ray / length
     # Rodrigues' formula about (y, -x, 0); 1 / (1 + z) is finite for z > 0.
     k = 1.0 / (1.0 + z)
     return np.array([[1.0 - k * x * x, -k * x * y, -x], [-k * x * y, 1.0 - k * y * y, -y], [x, y, z]])

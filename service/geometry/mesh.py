@@ -163,6 +163,7 @@ def smooth_fit(
         prior_trust: > 0, so that the system has one solution for any trust.
 
     Raises:
+        ValueError: ``prior_trust`` is not above 0.
         NumericFault: a trust, a trusted value or the prior is NaN or Inf.
     """
     from scipy.sparse import diags_array
@@ -171,6 +172,8 @@ def smooth_fit(
     k = np.asarray(trust, np.float64)[:, None]
     goal = np.broadcast_to(np.asarray(prior, np.float64), values.shape)
     right = np.where(k > 0, k * np.where(k > 0, values, 0.0), 0.0) + prior_trust * goal
+    if not prior_trust > 0:
+        raise ValueError(f"prior_trust is {prior_trust}; it has to be above 0, or nothing holds where nothing is known")
     if not (np.isfinite(k).all() and np.isfinite(right).all()):
         raise NumericFault("a trust, a trusted value or the prior is NaN or Inf; no smooth field fits it")
     system = (diags_array(k[:, 0] + prior_trust) + smoothness * edges).tocsc()

@@ -96,8 +96,12 @@ class Request(NamedTuple):
 
     @classmethod
     def parse(cls, message: bytes) -> Request:
-        """Read a whole message of the gate."""
-        _, codec, output, *numbers, _ = _REQUEST.unpack_from(message)
+        """Read a whole message; ValueError where it is not one of ours or is cut off."""
+        if len(message) < _REQUEST.size:
+            raise ValueError("short request")
+        magic, codec, output, *numbers, length = _REQUEST.unpack_from(message)
+        if magic != _MAGIC or len(message) != _REQUEST.size + length:
+            raise ValueError("not a request")
         values: list[Any] = [Codec(codec), Output(output), *numbers, message[_REQUEST.size :]]
         return cls(*values)
 

@@ -73,6 +73,8 @@ def test_what_has_no_answer_is_refused(bad: float) -> None:
         smooth_fit(edges, np.where(np.arange(COUNT)[:, None] == 7, bad, values), trust, 1.0, np.zeros(1), 0.1)
     with pytest.raises(NumericFault, match="NaN or Inf"):
         smooth_fit(edges, values, trust, 1.0, np.array([bad]), 0.1)
+    with pytest.raises(ValueError, match="prior_trust is 0"):
+        smooth_fit(edges, values, trust, 1.0, np.zeros(1), 0.0)
 
 
 def test_splat_gives_back_a_linear_field() -> None:

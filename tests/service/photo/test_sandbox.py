@@ -262,6 +262,9 @@ def test_messages_survive_the_wire() -> None:
     assert Request.parse(order.pack() + order.payload) == order
     reply = Reply(Status.DONE, Note.TRANSPARENT | Note.ICC_IGNORED, 12, 34, 28.0, tuple(range(64)))
     assert Reply.parse(reply.pack()) == reply
+    for message in (b"", order.pack(), b"x" * 200):
+        with pytest.raises(ValueError, match="request"):
+            Request.parse(message)
 
 
 def in_fresh_interpreter(script: str, **environment: str) -> str:

@@ -20,7 +20,7 @@ from service.face.reading.reader import (
     read_face,
 )
 from service.face.region import Region
-from service.geometry.camera import exp_rotation
+from service.geometry.camera import ahead, exp_rotation
 from tests.service.face.geometry import oval
 
 
@@ -96,6 +96,12 @@ def test_a_network_without_numbers_is_no_reading() -> None:
             raise NumericFault("network reader: output chart has 4 of 8192 values that are NaN or Inf")
 
     assert read_face(np.zeros((400, 600, 3), np.uint8), oval(0.0), readers(Broken())) is None
+
+
+@pytest.mark.parametrize("ray", [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [np.nan, 0.0, 1.0]])
+def test_a_ray_that_does_not_lead_forward_is_refused(ray: list[float]) -> None:
+    with pytest.raises(ValueError, match="forward"):
+        ahead(np.array(ray))
 
 
 def test_the_person_is_told_from_the_background_where_that_is_not_switched_off() -> None:
