@@ -73,7 +73,10 @@ def linear_to_lab(linear: npt.NDArray[np.floating]) -> Float32:
 
 def to_codes(values: Float32) -> Codes:
     """Values in [-1, 1] as codes 0 to 65535; what lies outside is clipped."""
-    return np.asarray(np.rint((np.clip(values, -1, 1) + 1) * np.float32(FULL_CODE / 2)), np.uint16)
+    coded = np.clip(values, -1, 1)
+    coded += 1
+    coded *= np.float32(FULL_CODE / 2)
+    return np.asarray(np.rint(coded, out=coded), np.uint16)
 
 
 def from_codes(codes: Codes) -> Float32:

@@ -100,7 +100,7 @@ def in_light(patch: Patch, sensitivity: float, turn: float, folder: Path = MODEL
     shade, _ = split_octaves(np.log(np.maximum(lit, LEAST)) * np.float32(GAMMA), octaves)
     bands, _ = split_octaves(np.ascontiguousarray(guess), octaves)
     change = [
-        updated(one, seen, np.broadcast_to(toward.astype(np.float32), one.shape), UNTOLD * strength, pigment)
+        updated(one, seen, toward.tolist(), UNTOLD * strength, pigment)
         for one, seen, strength, pigment in zip(bands, shade, RELIEF, PIGMENT, strict=True)
     ]
     flat = np.zeros_like(truth)

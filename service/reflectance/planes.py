@@ -7,8 +7,9 @@ from a plane of the map's size, or interpolated from a coarser plane of the same
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from math import gcd
 from typing import Any
 
@@ -38,10 +39,15 @@ def interpolated(plane: Float32, size: tuple[int, int], rows: Indices, columns: 
     return result
 
 
-def read_window(planes: Iterable[Float32], size: tuple[int, int], rows: slice, columns: slice | None = None) -> Float32:
+def read_window(
+    planes: Sequence[Float32] | Float32, size: tuple[int, int], rows: slice, columns: slice | None = None
+) -> Float32:
     """(h, w, C) float32, a block a channel, of coarse planes (h', w') at rows and columns of a map of ``size``."""
     down, across = np.r_[rows], np.arange(size[0]) if columns is None else np.r_[columns]
-    return np.moveaxis(np.stack([interpolated(plane, size, down, across) for plane in planes]), 0, -1)
+    result = np.zeros((len(planes), len(down), len(across)), np.float32)
+    for plane, into in zip(planes, result, strict=True):
+        interpolate_into(plane, size, down, across, into)
+    return np.moveaxis(result, 0, -1)
 
 
 def interpolate_into(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:
@@ -94,14 +100,19 @@ def _between(coarse: int, fine: int, index: Indices) -> tuple[Indices, Indices, 
 
 def pick(plane: npt.NDArray[Any], rows: Indices, columns: Indices, into: Float32) -> None:
     """Fill (h, w) with rows and columns of a plane, by slices of consecutive indices: far faster than by index."""
-    across = _runs(columns)
-    for rows_into, rows_from in _runs(rows):
+    across = _runs(columns.tobytes())
+    for rows_into, rows_from in _runs(rows.tobytes()):
         for columns_into, columns_from in across:
             into[rows_into, columns_into] = plane[rows_from, columns_from]
 
 
-def _runs(index: Indices) -> list[tuple[slice, slice]]:
-    """Divide indices into runs that rise or fall by one: slices of each run's positions and of its values."""
+@lru_cache(maxsize=64)
+def _runs(indices: bytes) -> list[tuple[slice, slice]]:
+    """Divide indices into runs that rise or fall by one: slices of each run's positions and of its values.
+
+    Kept, as all channels of a tile are read at the same indices.
+    """
+    index = np.frombuffer(indices, np.int64)
     runs, start = [], 0
     steps = np.diff(index)
     while start < len(index):

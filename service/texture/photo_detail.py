@@ -256,7 +256,8 @@ class _DetailedMap:
         if self._own.gain is not None:
             planes = [stretched(np.ascontiguousarray(self._own.gain[..., k]), self._size, one.window) for k in range(3)]
             photo = linear_to_srgb(np.clip(srgb_to_linear(photo) * np.exp(np.stack(planes, -1)), 0, 1))
-        ours, _ = split_octaves(np.where(seen[..., None] > 0, photo, map_), self._octaves)
+        np.copyto(photo, map_, where=(seen <= 0)[..., None])
+        ours, _ = split_octaves(photo, self._octaves)
         del photo  # these planes are the peak of a run's memory
         theirs, _ = split_octaves(map_, self._octaves)
         pixels = stretched(self._own.places.coarsest, self._size, one.window)
@@ -266,10 +267,14 @@ class _DetailedMap:
         for index in range(self._octaves):
             p, z = ours[index], theirs.pop(0)
             share, gain, rest = self._shares(index, p, z, seen, pixels)
-            ours[index] = gain[..., None] * p + (rest - 1)[..., None] * z  # what changes, in its place
+            p *= cv2.merge([gain] * 3)  # what changes, in its place
+            z *= cv2.merge([rest - 1] * 3)
+            p += z
             told.append(_areas(index, share, seen * side * side, one.inside))
         new = map_[one.inside] + joined_octaves(ours)[one.inside]
-        return np.asarray(np.rint(np.clip(new, 0, 1) * np.float32(FULL_CODE)), np.uint16), told
+        np.clip(new, 0, 1, out=new)
+        new *= np.float32(FULL_CODE)
+        return np.asarray(np.rint(new, out=new), np.uint16), told
 
     def _shares(self, index: int, band: Float32, made_up: Float32, seen: Float32,
                 pixels: Float32) -> tuple[Float32, Float32, Float32]:  # fmt: skip

@@ -224,7 +224,8 @@ def split_octaves(image: Float32, octaves: int) -> tuple[list[Float32], Float32]
     bands, rest = [], image
     for _ in range(octaves):
         smaller = down(rest)
-        bands.append(rest - up(smaller, rest.shape[:2]))
+        band = up(smaller, rest.shape[:2])
+        bands.append(np.subtract(rest, band, out=band))
         rest = smaller
     return bands, rest
 
@@ -233,7 +234,8 @@ def joined_octaves(bands: Sequence[Float32]) -> Float32:
     """The image of one or more octaves, inverse of :func:`split_octaves` but for its rest, which counts as 0."""
     result = bands[-1].copy()
     for band in reversed(bands[:-1]):
-        result = band + up(result, band.shape[:2])
+        result = up(result, band.shape[:2])
+        result += band
     return result
 
 

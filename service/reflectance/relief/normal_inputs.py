@@ -170,20 +170,25 @@ LEAST = 0.02
 """Coded brightness below which logarithms stop."""
 
 
-def updated(normal: Float32, shade: Float32, slope: Float32, error: float, pigment: float) -> Float32:
+def updated(
+    normal: Float32, shade: Float32, slope: Sequence[Float32 | float], error: float, pigment: float,
+    trust: Float32 | float = 1.0,
+) -> Float32:  # fmt: skip
     """(h, w, 2) what the update adds to an octave of x and y; 0 where light has no direction.
 
     Args:
         normal: (h, w, 2) octave of the guessed x and y.
         shade: (h, w) octave of the logarithm of brightness.
-        slope: (h, w, 2) g.
+        slope: g along x and along y, (h, w) each or one number.
         error: standard deviation r of each component of ``normal``.
         pigment: standard deviation p, > 0.
+        trust: share of it to add, (h, w) or one number.
     """
-    x, y = slope[..., 0], slope[..., 1]
-    surprise = shade - x * normal[..., 0] - y * normal[..., 1]
-    gain = error**2 / (error**2 * (x * x + y * y) + pigment**2)
-    return np.asarray((gain * surprise)[..., None] * slope, np.float32)
+    x, y = slope
+    gain = shade - x * normal[..., 0] - y * normal[..., 1]
+    gain *= trust * error**2
+    gain /= error**2 * (x * x + y * y) + pigment**2
+    return np.asarray(cv2.merge([gain * x, gain * y]), np.float32)
 
 
 def bare(seen: Float32, planes: Planes) -> Float32:
@@ -222,16 +227,17 @@ def with_shade(normals: npt.NDArray[np.int16], grey: Codes, slope: Float32, trus
         coded = one.of(grey) * np.float32(1 / FULL_CODE)
         bands, _ = split_octaves(np.log(np.maximum(coded, np.float32(LEAST))) * np.float32(GAMMA), octaves)
         guess, _ = split_octaves(bent, octaves)
-        across = np.dstack([stretched(plane, (width, height), one.window) for plane in planes])
+        x, y, trusted = (stretched(plane, (width, height), one.window) for plane in planes)
+        there = trusted[one.inside] > 0
         change = []
         for index, (shade, normal) in enumerate(zip(bands, guess, strict=True)):
-            here = shrunk(across, normal.shape[1::-1])
-            more = updated(normal, shade, here[..., :2], weights[index], PIGMENT[first + index])
-            change.append(np.asarray(more * here[..., 2:] * np.float32(shares[index]), np.float32))
+            x, y, trusted = (shrunk(plane, normal.shape[1::-1]) for plane in (x, y, trusted))
+            told = trusted * np.float32(shares[index])
+            change.append(updated(normal, shade, (x, y), weights[index], PIGMENT[first + index], told))
         better = (bent + joined_octaves(change))[one.inside]
         x, y = better[..., 0], better[..., 1]
         codes = pack_normals(x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0)))
-        return np.where(across[one.inside][..., 2:] > 0, codes, one.before[one.inside]), None
+        return np.where(there[..., None], codes, one.before[one.inside]), None
 
     change_strips(normals, octave_strips(normals, trust > 0, octaves), changed)
     return normals

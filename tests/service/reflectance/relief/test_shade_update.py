@@ -26,7 +26,7 @@ def test_one_texel_is_the_gaussian_s_mean() -> None:
     guess, truth, slope, error, pigment = 0.02, 0.05, 0.8, 0.03, 0.02
     normal = np.array([[[guess, 0.01]]], np.float32)
     shade = np.array([[slope * truth]], np.float32)
-    change = updated(normal, shade, np.array([[[slope, 0.0]]], np.float32), error, pigment)
+    change = updated(normal, shade, (slope, 0.0), error, pigment)
     by_shade, by_guess = (slope / pigment) ** 2, 1 / error**2
     assert guess + change[0, 0, 0] == pytest.approx((by_shade * truth + by_guess * guess) / (by_shade + by_guess))
     assert change[0, 0, 1] == 0
