@@ -42,24 +42,28 @@ def interpolated(plane: Float32, size: tuple[int, int], rows: Indices, columns: 
 def read_window(
     planes: Sequence[Float32] | Float32, size: tuple[int, int], rows: slice, columns: slice | None = None
 ) -> Float32:
-    """(h, w, C) float32, a block a channel, of coarse planes (h', w') at rows and columns of a map of ``size``."""
-    down, across = np.r_[rows], np.arange(size[0]) if columns is None else np.r_[columns]
-    result = np.zeros((len(planes), len(down), len(across)), np.float32)
-    for plane, into in zip(planes, result, strict=True):
-        interpolate_into(plane, size, down, across, into)
-    return np.moveaxis(result, 0, -1)
+    """(h, w, C) float32 of coarse planes of one size (h', w') at rows and columns of a map of ``size``."""
+    across = slice(0, size[0]) if columns is None else columns
+    near = _window(planes[0].shape, size, (rows.start, rows.stop), (across.start, across.stop))
+    if near is None:
+        down, beside = np.r_[rows], np.r_[across]
+        return np.stack([_interpolated_anywhere(plane, size, down, beside) for plane in planes], -1)
+    (top, bottom, first_row, tall), (left, right, first_column, wide) = near
+    # Interpolated together, channel beside channel, as the codes lie that they change.
+    part = cv2.merge([np.ascontiguousarray(plane[top:bottom, left:right]) for plane in planes])
+    found = cv2.resize(part, (wide, tall), interpolation=cv2.INTER_LINEAR).reshape(tall, wide, len(planes))
+    inside = slice(across.start - first_column, across.stop - first_column)
+    return np.asarray(found[rows.start - first_row : rows.stop - first_row, inside], np.float32)
 
 
 def interpolate_into(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:
     """Write what :func:`interpolated` returns into an existing plane."""
-    periods = [coarse // gcd(coarse, fine) for coarse, fine in zip(plane.shape, size[::-1], strict=True)]
-    if max(periods) > MOST_PERIOD or not into.size:
+    ends = [(int(index.min()), int(index.max()) + 1) if len(index) else (0, 0) for index in (rows, columns)]
+    near = _window(plane.shape, size, *ends)
+    if near is None:
         into[...] = _interpolated_anywhere(plane, size, rows, columns)
         return
-    (top, bottom, first_row, tall), (left, right, first_column, wide) = (
-        _around(int(index.min()), int(index.max()), fine, coarse, period)
-        for index, fine, coarse, period in zip((rows, columns), size[::-1], plane.shape, periods, strict=True)
-    )
+    (top, bottom, first_row, tall), (left, right, first_column, wide) = near
     part = np.ascontiguousarray(plane[top:bottom, left:right])
     pick(cv2.resize(part, (wide, tall), interpolation=cv2.INTER_LINEAR), rows - first_row, columns - first_column, into)
 
@@ -68,15 +72,29 @@ MOST_PERIOD = 8
 """Coarse texels after which their borders meet those of the map's texels again, up to which OpenCV interpolates."""
 
 
-def _around(first: int, last: int, fine: int, coarse: int, period: int) -> tuple[int, int, int, int]:
-    """First coarse texel and the one after the last around texels ``first`` to ``last`` of a map, first texel of the
-    map that they cover, and how many they cover; a line of ``fine`` texels of the map has ``coarse`` ones.
+Ends = tuple[int, int]
+"""First texel of a line, and the one after the last."""
+Near = tuple[int, int, int, int]
+"""First coarse texel and the one after the last around texels of a map, first texel of the map that they cover, and how
+many they cover."""
+
+
+def _window(coarse: tuple[int, ...], size: tuple[int, int], rows: Ends, columns: Ends) -> tuple[Near, Near] | None:
+    """What to enlarge for rows and columns of a map; None where there are none, or their borders do not meet."""
+    periods = [small // gcd(small, fine) for small, fine in zip(coarse, size[::-1], strict=True)]
+    if max(periods) > MOST_PERIOD or rows[0] >= rows[1] or columns[0] >= columns[1]:
+        return None
+    return _around(rows, size[1], coarse[0], periods[0]), _around(columns, size[0], coarse[1], periods[1])
+
+
+def _around(ends: Ends, fine: int, coarse: int, period: int) -> Near:
+    """Of a line of ``fine`` texels of the map that has ``coarse`` ones.
 
     OpenCV is several times as fast as indexing. One more coarse texel on each side keeps its border handling out of the
     result; and their borders are borders of texels of the map.
     """
-    low = max(first * coarse // fine - 1, 0) // period * period
-    high = min(-(-(last * coarse // fine + 2) // period) * period, coarse)
+    low = max(ends[0] * coarse // fine - 1, 0) // period * period
+    high = min(-(-((ends[1] - 1) * coarse // fine + 2) // period) * period, coarse)
     start = low * fine // coarse
     return low, high, start, high * fine // coarse - start
 

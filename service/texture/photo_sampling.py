@@ -143,7 +143,10 @@ class Reader:
             if (share[chosen] > 0).any():
                 above = _read(self.levels[index + 1], 2.0 ** (index + 1), x, y, chosen, cubic=False)
                 here += share * (above - here)
-            np.copyto(result, here, where=chosen[..., None])
+            if chosen.all():
+                result = here
+            else:
+                np.copyto(result, here, where=chosen[..., None])
         return np.clip(result, 0, 1, out=result)
 
 

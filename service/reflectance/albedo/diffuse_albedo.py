@@ -255,8 +255,8 @@ def diffuse_albedo(texture: Codes, job: MapInputs, subject: Subject, ledger: Led
 
     def fade(planes: Sequence[Float32], rows: slice, columns: slice) -> None:
         place = (rows, columns)
-        window, own = read_window(planes, job.planes.size, *place), from_codes(result[place])
-        told, share = (from_codes(texture[place]) + LIFTED) * window[..., :3] - LIFTED, window[..., 3:]
+        light, share = (read_window(some, job.planes.size, *place) for some in (planes[:-1], planes[-1:]))
+        told, own = (from_codes(texture[place]) + LIFTED) * light - LIFTED, from_codes(result[place])
         mixed = beside_parts(place, own + share * (told - own), job.skin[place] * np.float32(1 / 255))
         np.copyto(result[place], mixed, where=share > 0)
 
