@@ -197,15 +197,16 @@ def halved(image: UInt8) -> UInt8:
     return result
 
 
-STRIP, ACROSS = 512, 1536
-"""Rows of a map that are changed at a time, and most columns: with all around them and two at once a third of a
+STRIP, ACROSS = 768, 1536
+"""Rows of a map that are changed at a time, and most columns: with all around them and two at once 0.4 of a
 gigabyte."""
 
 
 def halo(octaves: int) -> int:
     """Texels around a strip, a multiple of the coarsest level's texel."""
-    # Texels of the coarsest level that a strip needs around it: for the pyramid, and for power measured over five.
-    return 8 * int(2**octaves)
+    # Texels of the rest that a strip needs around it: two to enlarge it; halves of ten for the power around a texel of
+    # the coarsest octave, and of four to join all; a half for the blur of what is clipped.
+    return 7 * int(2**octaves)
 
 
 def down(image: Float32) -> Float32:
