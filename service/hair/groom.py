@@ -18,7 +18,17 @@ from service.arrays import Bool, Float32, Int32, Int64
 from service.geometry.mesh import unit
 from service.geometry.nearest import Nearest
 from service.hair.colour import HairColour
-from service.hair.guides import CLEARANCE_M, GUIDE_POINTS, GUIDES, Combing, groups, grow_several, grown, resampled
+from service.hair.guides import (
+    CLEARANCE_M,
+    GUIDE_POINTS,
+    GUIDES,
+    Combing,
+    groups,
+    grow_several,
+    grown,
+    resampled,
+    seen_parting,
+)  # fmt: skip
 from service.hair.scalp import Roots, Scalp, gone_along, length_of, mean_scalp
 from service.hair.style import WAVES, Style
 
@@ -94,7 +104,7 @@ def make_groom(
         none, colour = np.zeros((0, GUIDE_POINTS, 3), np.float32), HairColour.of(style.melanin, 0, rng)
         return Groom(style, none, none[:, 0, :2], np.zeros(0, np.int32), colour)
     [guides] = grow_several([(style, guide_roots, rng)], skin, wish)
-    points, lock = _between(style, guide_roots, guides, roots, skin, rng)
+    points, lock = _between(style, guide_roots, guides, roots, skin, rng, seen_parting(style, guide_roots, wish))
     points = _curled(style, points, lock, rng)
     points = wandering(style, points, rng)
     inner = skin.over_ears.pushed(points[:, 1:], CLEARANCE_M, SHOVED_M)
@@ -103,13 +113,14 @@ def make_groom(
 
 
 def _between(
-    style: Style, guide_roots: Roots, guides: Float32, roots: Roots, skin: Scalp, rng: np.random.Generator
-) -> tuple[Float32, Int32]:
+    style: Style, guide_roots: Roots, guides: Float32, roots: Roots, skin: Scalp, rng: np.random.Generator,
+    parting: float | None,
+) -> tuple[Float32, Int32]:  # fmt: skip
     """Strands (N, P, 3) as blends of near guides, drawn together in locks; and each strand's lock.
 
     A strand keeps to guides of its own part of the hair (:func:`groups`).
     """
-    group, own_group = groups(style, guide_roots), groups(style, roots)
+    group, own_group = groups(style, guide_roots, parting), groups(style, roots, parting)
     index = np.zeros((len(roots), NEAR_GUIDES), np.int64)
     apart = np.zeros((len(roots), NEAR_GUIDES), np.float32)
     for value in np.unique(own_group):
@@ -129,7 +140,7 @@ def _between(
     count = max(1, min(len(roots), round(0.055 / (style.lock_mm / 1000) ** 2)))
     even = count <= len(skin.even)
     heads = skin.even.chosen(np.arange(count)) if even else roots.chosen(rng.choice(len(roots), count, replace=False))
-    tree = Nearest(np.column_stack([heads.position, 0.05 * groups(style, heads)[:, None]]))
+    tree = Nearest(np.column_stack([heads.position, 0.05 * groups(style, heads, parting)[:, None]]))
     lock = tree.one(np.column_stack([roots.position, 0.05 * own_group[:, None]]))[1].astype(np.int32)
     middle = np.zeros((len(heads.position), points, 3), np.float32)
     size = np.bincount(lock, minlength=len(middle)).astype(np.float32)

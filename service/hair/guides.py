@@ -140,12 +140,16 @@ def _forward(roots: Roots) -> Bool:
     return np.asarray(np.abs(roots.azimuth) < _chance(roots, 1.2, 1.5))
 
 
-def groups(style: Style, roots: Roots) -> Int64:
-    """(N,) number of the part of the hair that a strand belongs to: strands are not blended across these borders."""
+def groups(style: Style, roots: Roots, parting: float | None = None) -> Int64:
+    """(N,) number of the part of the hair that a strand belongs to: strands are not blended across these borders.
+
+    ``parting`` is where the photo shows one (:func:`seen_parting`).
+    """
     split = style.parting != "none" or style.combing in ("side", "down") or style.gather in ("pinned", "two_plaits")
+    split |= parting is not None
     longest, parted = max(style.top_mm, style.sides_mm, style.back_mm), _parted(style, roots)
     parts = (
-        (sides_of(style, roots) > 0) & split & parted,
+        (sides_of(style, roots, parting) > 0) & split & parted,
         parted & split,
         _tied(style, roots) & (style.gather != "none"),
         _forward(roots) & (longest > 200) & (style.gather in LOOSE),
@@ -169,11 +173,39 @@ PARTINGS_M = {"none": 0.0, "middle": 0.0, "left": 0.028, "right": -0.028}
 """Where a parting lies, metres to the subject's left."""
 
 
-def sides_of(style: Style, roots: Roots) -> Float32:
-    """(N,) +1 where a strand falls to the subject's left of the parting, -1 to its right."""
-    at = PARTINGS_M[style.parting]
+TOP_RAD, TOP_Z_M = 0.5, -0.05
+"""Elevation and depth from which on a root tells on which side of a parting it lies."""
+PARTED_MORE = 0.2
+"""Share of what the photo's combing tells that has to speak for its own parting against the style's."""
+
+
+def _parting(style: Style) -> float:
+    """Where a style parts, metres to the subject's left."""
     if style.combing == "side" and style.parting in ("none", "middle"):
-        at = 0.04  # all to one side but what grows over that ear
+        return 0.04  # all to one side but what grows over that ear
+    return PARTINGS_M[style.parting]
+
+
+def seen_parting(style: Style, roots: Roots, wish: Combing | None) -> float | None:
+    """Where the photo's combing parts, metres to the subject's left; None where it does not tell better than the style.
+
+    Else what grows between the two would be combed to one side by the photo and fall to the other by its style.
+    """
+    top = roots.chosen((roots.elevation > TOP_RAD) & (roots.position[:, 2] > TOP_Z_M))
+    if wish is None or not len(top):
+        return None
+    own, sure = wish(top.position, top.normal)
+    aside = own[:, 0] * sure
+    places = np.array([_parting(style), *np.linspace(-0.07, 0.07, 29)])
+    agrees = np.where(top.position[:, 0] >= places[:, None], aside, -aside).sum(1)
+    best = int(agrees.argmax())
+    more = float(agrees[best] - agrees[0]) / max(float(np.abs(aside).sum()), 1e-6)
+    return float(places[best]) if more > PARTED_MORE and np.abs(aside).mean() > PARTED_MORE / 2 else None
+
+
+def sides_of(style: Style, roots: Roots, parting: float | None = None) -> Float32:
+    """(N,) +1 where a strand falls to the subject's left of the parting, the photo's or else the style's, -1 beside."""
+    at = _parting(style) if parting is None else parting
     return np.where(roots.position[:, 0] >= at, 1.0, -1.0).astype(np.float32)
 
 
@@ -195,7 +227,7 @@ def grow_several(
             if (~free).any():
                 guides[~free] = _gathered(style, roots.chosen(~free), length[~free], skin, rng)
         if free.any():
-            hanging.append(_Hanging.of(style, roots.chosen(free), length[free], rng))
+            hanging.append(_Hanging.of(style, roots.chosen(free), length[free], rng, seen_parting(style, roots, wish)))
             places.append((style, guides, free, rng))
         made.append(guides)
     if hanging:
@@ -242,7 +274,9 @@ class _Hanging:
     before: Bool
 
     @classmethod
-    def of(cls, style: Style, roots: Roots, length: Float32, rng: np.random.Generator) -> _Hanging:
+    def of(
+        cls, style: Style, roots: Roots, length: Float32, rng: np.random.Generator, parting: float | None = None
+    ) -> _Hanging:
         """Of one style."""
 
         def each(value: float) -> Float32:
@@ -266,7 +300,8 @@ class _Hanging:
         astray = strays * rng.normal(0, 1, (len(roots), 3)) * np.exp(-np.square(off_crown / 0.035))
         astray -= roots.normal * (astray * roots.normal).sum(1, keepdims=True)  # it whirls, it does not stand up
         return cls(
-            front, rest, sides_of(style, roots), fringe, each(style.tucked)[:, 0], each(style.combing != "up")[:, 0],
+            front, rest, sides_of(style, roots, parting), fringe,
+            each(style.tucked)[:, 0], each(style.combing != "up")[:, 0],
             roots.position, roots.normal, step, rising[:, None].astype(np.float32), astray.astype(np.float32),
             each(0.4 + 1.6 * style.stiffness), each(1 - style.lift), each(style.gravity), layer, before,
         )  # fmt: skip

@@ -9,6 +9,7 @@ import pytest
 
 from models.hair.draw import draw, facing
 from models.hair.random_styles import sample_style
+from service.geometry.mesh import unit
 from service.hair.colour import (
     EUMELANIN,
     KNOTS,
@@ -19,7 +20,7 @@ from service.hair.colour import (
     reflected,
 )
 from service.hair.groom import make_groom
-from service.hair.guides import NECK_M, grow_several, grown
+from service.hair.guides import NECK_M, Combing, grow_several, grown, seen_parting
 from service.hair.scalp import mean_scalp
 from service.hair.style import LENGTHS, NAMED, WAVES, Curl
 from service.head.files import load_head
@@ -207,3 +208,30 @@ def test_waves_begin_below_the_roots_and_curls_at_them() -> None:
         assert tip > 5 and root < 0.4 * tip
     root, tip = turns("3b")
     assert root > 0.6 * tip
+
+
+def _parted_at(place: float, sure: float) -> Combing:
+    """A photo whose hair above the forehead is combed to both sides from a line ``place`` metres to the left."""
+
+    def wish(points: np.ndarray, outwards: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        aside = np.sign(points[:, :1] - place) * np.array([[1.0, 0, 0]], np.float32)
+        along = aside - outwards * (aside * outwards).sum(1, keepdims=True)
+        return np.asarray(unit(along), np.float32), np.where(points[:, 1] > 0.075, np.float32(sure), np.float32(0))
+
+    return wish
+
+
+def test_hair_falls_to_the_side_to_which_the_photo_combs_it() -> None:
+    """Parted in the middle by its style and farther aside by the photo, it was combed to one side, turned back on the
+    forehead and fell to the other: a tuft.
+    """
+    style, place = dataclasses.replace(NAMED["side_part"], combing="down", parting="middle"), -0.04
+    style, roots, wish = style.scaled(2.0, "top_mm"), mean_scalp().even, _parted_at(place, 0.8)
+    assert seen_parting(style, roots, wish) == pytest.approx(place, abs=0.006)
+    assert seen_parting(style, roots, _parted_at(place, 0.02)) is None, "hardly sure"
+    assert seen_parting(style, roots, _parted_at(0.0, 0.8)) is None, "the style says the same"
+    points = make_groom(style, 3, 8000, wish=wish).strands
+    strands, (x, y, z) = points[..., 0], points[:, 0].T
+    between = (x > place + 0.008) & (x < -0.005) & (z > -0.02) & (y > 0.07)
+    assert between.sum() > 50 and (strands[between, -1] > x[between]).mean() > 0.95
+    assert np.quantile(strands[between].max(1) - strands[between, -1], 0.9) < 0.02, "none turns back"
