@@ -226,7 +226,7 @@ def test_hair_falls_to_the_side_to_which_the_photo_combs_it() -> None:
     forehead and fell to the other: a tuft.
     """
     style, place = dataclasses.replace(NAMED["side_part"], combing="down", parting="middle"), -0.04
-    style, roots, wish = style.scaled(2.0, "top_mm"), mean_scalp().even, _parted_at(place, 0.8)
+    style, roots, wish = style.scaled(2.0, "top_mm", "fringe_mm"), mean_scalp().even, _parted_at(place, 0.8)
     assert seen_parting(style, roots, wish) == pytest.approx(place, abs=0.006)
     assert seen_parting(style, roots, _parted_at(place, 0.02)) is None, "hardly sure"
     assert seen_parting(style, roots, _parted_at(0.0, 0.8)) is None, "the style says the same"
