@@ -17,6 +17,7 @@ import typer
 from models.hair.random_styles import sample_style
 from service.hair.bank import kind_of, match, read_bank
 from service.hair.find_hair import STRANDS_A_TRIAL, across, choose
+from service.hair.groom import make_groom
 from service.hair.kinds import KINDS, ends_m, kinds_of
 from service.hair.scalp import Scalp
 from service.hair.shape import fitted
@@ -51,8 +52,7 @@ def measured(seed: int, head: HeadModel, *, poor: bool) -> Mapping[str, float]:
     rng = np.random.default_rng([seed, 0xBE7])
     vertices = head.shape(rng.normal(0, 0.8, 30))
     style = sample_style(seed)
-    view = rng.uniform(-35, 35), rng.uniform(-12, 12)
-    seen = photographed(style, seed, head, vertices, *view, STRANDS)
+    seen = photographed(style, seed, head, vertices, rng.uniform(-35, 35), rng.uniform(-12, 12), STRANDS)
     seen = worse(seen, head, rng) if poor else seen
     skin = Scalp.of(head, seen.fit.neutral)
     begin = time.process_time()
@@ -62,7 +62,7 @@ def measured(seed: int, head: HeadModel, *, poor: bool) -> Mapping[str, float]:
     spent = time.process_time() - begin
     drawn = seen.sight.drawn(groom.strands)
     # Locks and curls fall by chance: as far from this photo's is the same style with other random numbers.
-    again = seen.sight.drawn(photographed(style, seed + AGAIN, head, vertices, *view, STRANDS).groom.strands)
+    again = seen.sight.drawn(make_groom(style, seed + AGAIN, STRANDS, skin).strands)
     truth = photographed(style, seed, head, vertices).groom if poor else seen.groom
     own, wanted = kinds_of(chosen, groom.strands), kinds_of(style, truth.strands)
     figures = {

@@ -28,7 +28,7 @@ from service.hair.guides import (
     grown,
     resampled,
     seen_parting,
-)  # fmt: skip
+)
 from service.hair.scalp import Roots, Scalp, gone_along, length_of, mean_scalp
 from service.hair.style import WAVES, Style
 
@@ -103,8 +103,9 @@ def make_groom(
     if not len(guide_roots) or not len(roots):
         none, colour = np.zeros((0, GUIDE_POINTS, 3), np.float32), HairColour.of(style.melanin, 0, rng)
         return Groom(style, none, none[:, 0, :2], np.zeros(0, np.int32), colour)
-    [guides] = grow_several([(style, guide_roots, rng)], skin, wish)
-    points, lock = _between(style, guide_roots, guides, roots, skin, rng, seen_parting(style, guide_roots, wish))
+    parting = seen_parting(style, guide_roots, wish)
+    [guides] = grow_several([(style, guide_roots, rng)], skin, wish, parting)
+    points, lock = _between(style, guide_roots, guides, roots, skin, rng, parting)
     points = _curled(style, points, lock, rng)
     points = wandering(style, points, rng)
     inner = skin.over_ears.pushed(points[:, 1:], CLEARANCE_M, SHOVED_M)

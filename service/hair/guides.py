@@ -175,8 +175,9 @@ PARTINGS_M = {"none": 0.0, "middle": 0.0, "left": 0.028, "right": -0.028}
 
 TOP_RAD, TOP_Z_M = 0.5, -0.05
 """Elevation and depth from which on a root tells on which side of a parting it lies."""
-PARTED_MORE = 0.2
-"""Share of what the photo's combing tells that has to speak for its own parting against the style's."""
+PARTED_MORE, LEAST_ASIDE = 0.2, 0.1
+"""Share of what the photo's combing tells that has to speak for its own parting against the style's, and how far it
+has to run sideways, times how sure it is, to tell."""
 
 
 def _parting(style: Style) -> float:
@@ -200,20 +201,21 @@ def seen_parting(style: Style, roots: Roots, wish: Combing | None) -> float | No
     agrees = np.where(top.position[:, 0] >= places[:, None], aside, -aside).sum(1)
     best = int(agrees.argmax())
     more = float(agrees[best] - agrees[0]) / max(float(np.abs(aside).sum()), 1e-6)
-    return float(places[best]) if more > PARTED_MORE and np.abs(aside).mean() > PARTED_MORE / 2 else None
+    return float(places[best]) if more > PARTED_MORE and np.abs(aside).mean() > LEAST_ASIDE else None
 
 
 def sides_of(style: Style, roots: Roots, parting: float | None = None) -> Float32:
-    """(N,) +1 where a strand falls to the subject's left of the parting, the photo's or else the style's, -1 beside."""
+    """(N,) +1 where a strand falls to the subject's left of a parting, the style's if None, and -1 to its right."""
     at = _parting(style) if parting is None else parting
     return np.where(roots.position[:, 0] >= at, 1.0, -1.0).astype(np.float32)
 
 
 def grow_several(
-    heads: Sequence[tuple[Style, Roots, np.random.Generator]], skin: Scalp, wish: Combing | None = None
-) -> list[Float32]:
+    heads: Sequence[tuple[Style, Roots, np.random.Generator]], skin: Scalp, wish: Combing | None = None,
+    parting: float | None = None,
+) -> list[Float32]:  # fmt: skip
     """(G, 32, 3) guides of each of several styles on one head, each with its own roots and random numbers: combed,
-    lifted, bent by their weight, gathered where that is asked for.
+    lifted, bent by their weight, gathered where that is asked for; ``wish`` and ``parting`` are the photo's.
     """
     made, hanging, places = [], [], []
     for style, roots, rng in heads:
@@ -225,9 +227,9 @@ def grow_several(
             if style.gather not in LOOSE:
                 length = np.where(free, np.minimum(length, rng.uniform(*WISP_LENGTHS_M, len(roots))), length)
             if (~free).any():
-                guides[~free] = _gathered(style, roots.chosen(~free), length[~free], skin, rng)
+                guides[~free] = _gathered(style, roots.chosen(~free), length[~free], skin, rng, parting)
         if free.any():
-            hanging.append(_Hanging.of(style, roots.chosen(free), length[free], rng, seen_parting(style, roots, wish)))
+            hanging.append(_Hanging.of(style, roots.chosen(free), length[free], rng, parting))
             places.append((style, guides, free, rng))
         made.append(guides)
     if hanging:
@@ -440,14 +442,16 @@ def _round_head(start: Float32, end: Float32, share: Float32, aside: Float32) ->
     return np.asarray(CENTRE + toward * (near + share * (far - near)), np.float32)
 
 
-def _gathered(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.random.Generator) -> Float32:
+def _gathered(
+    style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.random.Generator, parting: float | None
+) -> Float32:
     """Guides that follow the head to their tie, and the tail behind it."""
     tie = _ties(style, roots, skin)
     share = np.linspace(0, 1, 24, dtype=np.float32)[None, :, None]
     aside = np.zeros((len(roots), 3), np.float32)
     if style.parting != "none" and style.gather not in LOOSE:
         front = smoothstep(np.abs(roots.azimuth), 1.3, 0.5) * smoothstep(roots.elevation, 0.2, 0.6)
-        aside[:, 0] = PARTED * front * sides_of(style, roots)
+        aside[:, 0] = PARTED * front * sides_of(style, roots, parting)
     way = _round_head(roots.position, tie, share, aside)
     rise = np.sin(np.pi * share[..., 0]) * style.volume_mm / 1000 * rng.uniform(0.4, 1, (len(roots), 1)) + 0.002
     for _ in range(6):  # out of the head, then straight: a taut thread on the skull

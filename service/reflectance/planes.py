@@ -118,15 +118,15 @@ def _between(coarse: int, fine: int, index: Indices) -> tuple[Indices, Indices, 
 
 def pick(plane: npt.NDArray[Any], rows: Indices, columns: Indices, into: Float32) -> None:
     """Fill (h, w) with rows and columns of a plane, by slices of consecutive indices: far faster than by index."""
-    across = _runs(columns.tobytes())
-    for rows_into, rows_from in _runs(rows.tobytes()):
+    down, across = (_runs(np.asarray(index, np.int64).tobytes()) for index in (rows, columns))
+    for rows_into, rows_from in down:
         for columns_into, columns_from in across:
             into[rows_into, columns_into] = plane[rows_from, columns_from]
 
 
 @lru_cache(maxsize=64)
-def _runs(indices: bytes) -> list[tuple[slice, slice]]:
-    """Divide indices into runs that rise or fall by one: slices of each run's positions and of its values.
+def _runs(indices: bytes) -> tuple[tuple[slice, slice], ...]:
+    """Divide indices (int64) into runs that rise or fall by one: slices of each run's positions and of its values.
 
     Kept, as all channels of a tile are read at the same indices.
     """
@@ -140,7 +140,7 @@ def _runs(indices: bytes) -> list[tuple[slice, slice]]:
         first, beyond = int(index[start]), int(index[stop - 1]) + step
         runs.append((slice(start, stop), slice(first, beyond if beyond >= 0 else None, step)))
         start = stop
-    return runs
+    return tuple(runs)
 
 
 Read = Callable[[Indices, Indices, Float32], None]
