@@ -36,6 +36,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, ClassVar
 
 
@@ -55,7 +56,7 @@ class AvatarError(Exception):
         self.extra = extra
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild, (type(self), self.message, self.extra)
+        return partial(type(self), self.message, **self.extra), ()
 
 
 def as_facts(error: BaseException) -> dict[str, Any]:
@@ -63,10 +64,6 @@ def as_facts(error: BaseException) -> dict[str, Any]:
     if isinstance(error, AvatarError):
         return {**error.extra, "code": error.code, "message": error.message, "status": error.http_status}
     return {"code": "internal", "message": f"{type(error).__name__}: {error}", "status": 500}
-
-
-def _rebuild(kind: type[AvatarError], message: str, extra: dict[str, Any]) -> AvatarError:
-    return kind(message, **extra)
 
 
 class UsageError(AvatarError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import reduce
 from typing import Any, TypeVar
 
 import cv2
@@ -82,18 +83,12 @@ def most(image: Image) -> npt.NDArray[np.floating]:
     """(h, w) largest of the channels (h, w, C): numpy's own maximum over a short last axis takes twenty times as
     long.
     """
-    result = np.maximum(image[..., 0], image[..., 1])
-    for channel in range(2, image.shape[-1]):
-        np.maximum(result, image[..., channel], out=result)
-    return result
+    return reduce(np.maximum, np.moveaxis(image, -1, 0))
 
 
 def least(image: Image) -> npt.NDArray[np.floating]:
     """(h, w) smallest of the channels (h, w, C)."""
-    result = np.minimum(image[..., 0], image[..., 1])
-    for channel in range(2, image.shape[-1]):
-        np.minimum(result, image[..., channel], out=result)
-    return result
+    return reduce(np.minimum, np.moveaxis(image, -1, 0))
 
 
 def marked_columns(marked: Bool, size: tuple[int, int], rows: slice, grid: int = 1) -> tuple[int, int] | None:

@@ -221,11 +221,6 @@ class Options(Checked):
             return self.size[0]
         return self.map_size[0]
 
-    @property
-    def normal_bits(self) -> int:
-        """Bits per component of normal maps."""
-        return self.bits or self.level.normal_bits
-
     def plan(self) -> ReflectancePlan:
         """The stages of reflectance that the maps need.
 

@@ -38,31 +38,6 @@ _MAX_LEVELS = 8
 NAMES = frozenset(field.name for field in fields(Options))
 
 
-def parse_options(text: bytes) -> Options:
-    """JSON object -> options; names and values are those of the command line.
-
-    HttpProblem: it is no JSON object, or has a name that is not an option. UsageError: a value is of the wrong kind or
-    out of range.
-    """
-    return checked_options(parse_object(text) if text.strip() else {})
-
-
-def parse_metadata(text: bytes) -> dict[str, Any]:
-    """The part ``metadata``: a JSON object of the owner's own, given back with the job and never looked into.
-
-    HttpProblem: it is no such object, or larger than ``MAX_METADATA``.
-    """
-    if len(text) > MAX_METADATA:
-        words = f"metadata has {len(text)} bytes; at most {MAX_METADATA} are kept"
-        raise HttpProblem("usage", 422, words, pointer="/metadata")
-    return parse_object(text, "malformed-metadata") if text.strip() else {}
-
-
-def query_options(pairs: Mapping[str, str]) -> Options:
-    """Options from the parameters of an address, written as on the command line; as :func:`parse_options`."""
-    return checked_options({name: _from_text(text) for name, text in pairs.items()})
-
-
 def checked_options(values: Mapping[str, Any]) -> Options:
     """JSON values -> options.
 
@@ -72,11 +47,13 @@ def checked_options(values: Mapping[str, Any]) -> Options:
     for name in values:
         if name not in NAMES:
             detail = f"there is no option {name[:40]!r}; there are {', '.join(sorted(NAMES))}"
-            raise HttpProblem("unknown-field", 422, detail, pointer=f"/{_escaped(name)}")
+            place = name[:40].replace("~", "~0").replace("/", "~1")  # a part of a JSON pointer (RFC 6901)
+            raise HttpProblem("unknown-field", 422, detail, pointer=f"/{place}")
     return Options(**values)
 
 
 def _from_text(text: str) -> Any:
+    """The value of a parameter of an address, written as on the command line."""
     try:
         value = json.loads(text)
     except ValueError:
@@ -106,11 +83,6 @@ def _levels(value: Any) -> int:
     """How many objects and lists lie in one another."""
     items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else None
     return 0 if items is None else 1 + max(map(_levels, items), default=0)
-
-
-def _escaped(name: str) -> str:
-    """A name as a part of a JSON pointer (RFC 6901)."""
-    return name[:40].replace("~", "~0").replace("/", "~1")
 
 
 FILES = ("image", "video")
@@ -163,9 +135,12 @@ class Upload:
     def set(self, name: str, value: bytes) -> None:
         """Take a part other than the photo; HttpProblem or UsageError where its value is not possible."""
         if name == "options":
-            self.options = parse_options(value)
-        elif name == "metadata":
-            self.metadata = parse_metadata(value)
+            self.options = checked_options(parse_object(value) if value.strip() else {})
+        elif name == "metadata":  # given back with the job and never looked into
+            if len(value) > MAX_METADATA:
+                words = f"metadata has {len(value)} bytes; at most {MAX_METADATA} are kept"
+                raise HttpProblem("usage", 422, words, pointer="/metadata")
+            self.metadata = parse_object(value, "malformed-metadata") if value.strip() else {}
         elif name == "webhook_url":
             self.webhook_url = value.decode("utf-8", "replace").strip()
         elif name == "keep_photo":
@@ -199,17 +174,14 @@ class UploadBody:
         self.upload, self._stream, self._hash = upload, stream, hashlib.sha256()
         self.most = upload.max_bytes
 
-    def write(self, data: bytes) -> None:
-        """A piece of the body."""
-        self._photo(data)
-
     def finish(self) -> None:
         """Check that the body is whole; HttpProblem where it is not."""
         if not self.upload.size:
             raise HttpProblem("missing-file", 400)
         self.upload.sha256 = self._hash.hexdigest()
 
-    def _photo(self, data: bytes) -> None:
+    def write(self, data: bytes) -> None:
+        """A piece of the photo; TooManyBytes where it is larger than it may be."""
         if not self.upload.sizes:
             self.upload.sizes.append(0)
         self.upload.sizes[-1] += len(data)
@@ -244,7 +216,7 @@ class Multipart(UploadBody):
         self._fault: HttpProblem | AvatarError | None = None
 
     def write(self, data: bytes) -> None:
-        """As :meth:`UploadBody.write`."""
+        """A piece of the form."""
         self._empty = self._empty and not data
         try:
             for event in self._parser.parse(data) if data else ():
@@ -306,7 +278,7 @@ class Multipart(UploadBody):
 
     def _data(self, data: bytes) -> None:
         if self._names[-1] in FILES:
-            self._photo(data)
+            super().write(data)
         elif self._is_file:  # under a name that there is not
             self._dropped += len(data)
             if self._dropped > self.upload.max_bytes:
@@ -363,7 +335,7 @@ def _take_parameters(request: Request, upload: Upload, *, form: bool) -> None:
         else:
             named[name] = text
     if named:
-        upload.options = query_options(named)
+        upload.options = checked_options({name: _from_text(text) for name, text in named.items()})
 
 
 async def _pump(request: Request, body: UploadBody, settings: Settings) -> None:

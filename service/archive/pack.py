@@ -284,8 +284,7 @@ def _map(entry: RegisteredMap, avatar: Avatar, data: bytes) -> m.Map:
 
 
 def _material(material: Material, where: MapFiles) -> m.MaterialEntry:
-    slots = [one.removesuffix("_map") for one in Material.__dataclass_fields__ if one.endswith("_map")]
-    paths = {slot: where.path(getattr(material, f"{slot}_map")) for slot in slots}
+    paths = {slot: where.path(one) for slot, one in material.slots.items()}
     maps = {slot: path.removeprefix("../") for slot, path in paths.items() if path is not None}
     return _taken(m.MaterialEntry, material, maps=maps)
 

@@ -58,6 +58,11 @@ def examine() -> dict[str, Any]:
     except AvatarError as error:
         faults.append(error.message)
     trial, trouble = self_test()
+    from service.runtime import compiled_networks
+
+    count, size = compiled_networks.kept()
+    place = compiled_networks.folder()
+    compiled = {"folder": None if place is None else str(place), "files": count, "megabytes": round(size, 1)}
     return {
         "avatarme": __version__,
         "python": platform.python_version(),
@@ -67,19 +72,10 @@ def examine() -> dict[str, Any]:
         "libraries": libraries,
         "runtimes": diagnosis.runtimes(),
         "data_files": files,
-        "compiled_networks": _compiled_networks(),
+        "compiled_networks": compiled,
         "self_test": trial,
         "faults": faults + trouble,
     }
-
-
-def _compiled_networks() -> dict[str, Any]:
-    """Where OpenVINO's compiled networks are kept (null: nowhere), how many and how large."""
-    from service.runtime import compiled_networks
-
-    count, size = compiled_networks.kept()
-    place = compiled_networks.folder()
-    return {"folder": None if place is None else str(place), "files": count, "megabytes": round(size, 1)}
 
 
 def self_test() -> tuple[dict[str, Any], list[str]]:

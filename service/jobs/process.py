@@ -181,8 +181,6 @@ def give_back_memory() -> None:
 TICK, WEIGHED = 0.2, 1.0
 """Seconds between two looks at cancellation and time, and at memory, which the system limits by itself."""
 
-_END_OF_MEMORY = (-signal.SIGKILL,)
-
 
 class Glance:
     """A question that is asked every ``seconds`` at most; once it is True it stays so."""
@@ -318,7 +316,7 @@ class JobProcess:
             kind = "done" if "done" in answer else "problem"
             return Ending(kind, dict(answer[kind]), status)
         # Nobody here killed it, so the system did: it ran out of memory.
-        return Ending("memory" if status in _END_OF_MEMORY else "crash", {}, status)
+        return Ending("memory" if status == -signal.SIGKILL else "crash", {}, status)
 
     def _read(self, lines: queue.SimpleQueue[dict[str, Any] | None]) -> None:
         pipe = self._process.stdout

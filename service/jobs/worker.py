@@ -216,7 +216,11 @@ class Worker:
             return
         self.beat()
         self._launch()
-        chores = self._chores()
+        # What is done beside the jobs, and the seconds between two times of doing it.
+        chores: dict[Callable[[], None], float] = {
+            self.beat: BEAT, self._janitor.tidy: 10.0, self._janitor.reconcile: 10.0,
+            self._janitor.expire: 30.0, self._janitor.sweep_strays: 600.0,
+        }  # fmt: skip
         next_time = dict.fromkeys(chores, 0.0)
         while not self.runner.stopping.wait(0.5):
             self.runner.warm()
@@ -226,13 +230,6 @@ class Worker:
                     next_time[chore] = time.monotonic() + interval
                     self._do(chore)
             self.runner.warm()
-
-    def _chores(self) -> dict[Callable[[], None], float]:
-        """What is done beside the jobs, and the seconds between two times of doing it."""
-        return {
-            self.beat: BEAT, self._janitor.tidy: 10.0, self._janitor.reconcile: 10.0,
-            self._janitor.expire: 30.0, self._janitor.sweep_strays: 600.0,
-        }  # fmt: skip
 
     def beat(self, fault: str | None = None) -> None:
         """Give a sign of life, take over what dead workers were at, and end where the lock on the name is lost.

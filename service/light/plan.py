@@ -104,11 +104,6 @@ class Estimates:
         return 255.0 * mean, 255.0 * error
 
 
-def estimates_of(scene: Scene, surface: SurfaceSamples) -> Estimates:
-    """Shade the samples; takes some hundredths of a second."""
-    return Estimates(Shading(scene, surface, illumination(scene)))
-
-
 WHOLE = ("occlusion", "reflection", "second_lobe", "fresnel", "scattering")
 PER_LIGHT = ("shadows", "relief_shadows", "specular")
 EFFECTS = (*WHOLE, *PER_LIGHT)
@@ -191,7 +186,7 @@ def plan(scene: Scene, surface: SurfaceSamples, tolerance: float = 1.0) -> Light
         )
     if not tolerance >= 0.0:
         raise UsageError(f"tolerance is {tolerance!r}; it has to be 0 or more, in 1/255 of sRGB")
-    estimates = estimates_of(scene, surface)
+    estimates = Estimates(Shading(scene, surface, illumination(scene)))
     items = _items(estimates.light_count)
     bounds = {item: estimates.bound(*item) for item in items}
     chosen: list[tuple[str, int | None]] = []

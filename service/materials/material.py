@@ -153,8 +153,10 @@ class Material:
     @property
     def maps(self) -> tuple[Map, ...]:
         """Its maps, each once."""
-        slots = (
-            self.colour_map, self.roughness_map, self.specular_map, self.normal_map, self.displacement_map,
-            self.cavity_map, self.thickness_map, self.anisotropy_map, self.strand_map,
-        )  # fmt: skip
-        return tuple(dict.fromkeys(one for one in slots if one is not None))
+        return tuple(dict.fromkeys(self.slots.values()))
+
+    @property
+    def slots(self) -> dict[str, Map]:
+        """Its maps by what they are for: "colour", "roughness" and the like."""
+        named = {name.removesuffix("_map"): getattr(self, name) for name in vars(self) if name.endswith("_map")}
+        return {slot: one for slot, one in named.items() if one is not None}

@@ -135,13 +135,12 @@ def coarser(parts: Sequence[MeshPart], step: int) -> tuple[MeshPart, ...]:
     """
     if step == 1:
         return tuple(parts)
-    slots = [name for name in Material.__dataclass_fields__ if name.endswith("_map")]
     larger = (part for part in parts if part.material.strand_map is None)
     textures = {id(one): replace(one, pixels=_reduced(one.pixels, step)) for part in larger for one in part.own_maps}
     materials: dict[str, Material] = {}
     for part in parts:
-        maps = {slot: getattr(part.material, slot) for slot in slots}
-        changed: dict[str, Any] = {slot: textures[id(one)] for slot, one in maps.items() if id(one) in textures}
+        maps = part.material.slots.items()
+        changed: dict[str, Any] = {f"{slot}_map": textures[id(one)] for slot, one in maps if id(one) in textures}
         materials.setdefault(part.material.name, replace(part.material, **changed))
     return tuple(replace(part, material=materials[part.material.name]) for part in parts)
 

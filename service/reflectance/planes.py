@@ -25,20 +25,6 @@ from service.runtime.network_registry import FINE, FINE_GAIN, FINE_WINDOW, PACKE
 from service.runtime.tiles import Indices
 
 
-def interpolated(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices) -> Float32:
-    """(len(rows), len(columns)) float32, bilinear values of a coarse (h, w) plane at texels of a map of ``size``.
-
-    Args:
-        plane: (h, w), on the same chart as the map.
-        size: (width, height) of the map.
-        rows: of the map.
-        columns: of the map.
-    """
-    result = np.zeros((len(rows), len(columns)), np.float32)
-    interpolate_into(plane, size, rows, columns, result)
-    return result
-
-
 def read_window(
     planes: Sequence[Float32] | Float32, size: tuple[int, int], rows: slice, columns: slice | None = None
 ) -> Float32:
@@ -57,7 +43,9 @@ def read_window(
 
 
 def interpolate_into(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:
-    """Write what :func:`interpolated` returns into an existing plane."""
+    """Write bilinear values of a coarse (h, w) plane at texels of a map of ``size`` (width, height), on the same chart,
+    into a plane (len(rows), len(columns)).
+    """
     ends = [(int(index.min()), int(index.max()) + 1) if len(index) else (0, 0) for index in (rows, columns)]
     near = _window(plane.shape, size, *ends)
     if near is None:
@@ -100,7 +88,7 @@ def _around(ends: Ends, fine: int, coarse: int, period: int) -> Near:
 
 
 def _interpolated_anywhere(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices) -> Float32:
-    """As :func:`interpolated`, for any ratio of sizes."""
+    """As :func:`interpolate_into`, for any ratio of sizes."""
     above, below, down = _between(plane.shape[0], size[1], rows)
     left, right, across = _between(plane.shape[1], size[0], columns)
     lines = plane[:, left] * (1 - across) + plane[:, right] * across

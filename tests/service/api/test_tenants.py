@@ -150,7 +150,7 @@ def test_a_disk_that_becomes_full_in_an_upload_is_said_to_be(api: Api, monkeypat
     def full(self: object, data: bytes) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(uploads.UploadBody, "_photo", full)
+    monkeypatch.setattr(uploads.UploadBody, "write", full)
     answer = api.post(**bearer("ada"))
     is_problem(answer, 507, "no-space")
     assert answer.headers["retry-after"]

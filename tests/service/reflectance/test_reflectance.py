@@ -11,15 +11,16 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from service.arrays import Float32
 from service.errors import ModelFault, NumericFault
 from service.map_registry import maps_made_by
-from service.reflectance.planes import Planes, interpolated
+from service.reflectance.planes import Planes, interpolate_into
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import MID, Reflectance, unpack_normals
 from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.subject import Subject
 from service.runtime.networks import Engine
-from service.runtime.tiles import reflected
+from service.runtime.tiles import Indices, reflected
 from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_models, toy_subject
 from tests.service.runtime.toynets import toy_net, write_models
 
@@ -115,6 +116,12 @@ def test_covered_skin_is_flat_and_bare_skin_is_not(engine: Engine, subject: Subj
         assert made is not None
         tilts.append(float(np.linalg.norm(unpack_normals(made)[skin][:, :2], axis=1).mean()))
     assert tilts[1] > 0.03 and tilts[0] < 1e-3
+
+
+def interpolated(field: Float32, size: tuple[int, int], rows: Indices, columns: Indices) -> Float32:
+    into = np.zeros((len(rows), len(columns)), np.float32)
+    interpolate_into(field, size, rows, columns, into)
+    return into
 
 
 @pytest.mark.parametrize("size", [(48, 32), (36, 24), (12, 8), (9, 6), (50, 31)])

@@ -25,9 +25,10 @@ from models.lightstage.light.relief import relief_shadow  # noqa: E402
 from models.lightstage.light.response import developed  # noqa: E402
 from models.lightstage.light.survey import survey  # noqa: E402
 from models.lightstage.skin.window import ChartWindow  # noqa: E402
-from service.light.plan import LightPlan, estimates_of, plan  # noqa: E402
+from service.light.environment import illumination  # noqa: E402
+from service.light.plan import LightPlan, plan  # noqa: E402
 from service.light.scene import Environment, PointLight, Response, Scene  # noqa: E402
-from service.light.shading import develop  # noqa: E402
+from service.light.shading import Shading, develop  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -238,7 +239,7 @@ def test_the_planner_shades_each_point_as_the_camera_does() -> None:
         dataclasses.replace(skin(), diffuse_albedo=torch.cat([places / 128, 0 * places[:1]])), geometry(), WHOLE
     )
     row, column = (np.rint(where.albedo[0, :, i] * 128).astype(int) for i in (0, 1))
-    shaded = estimates_of(scene, survey(skin(), geometry(), WHOLE)).shading
+    shaded = Shading(scene, survey(skin(), geometry(), WHOLE), illumination(scene))
     for effect in (None, "reflection", "fresnel", "specular", "second_lobe"):
         light = 0 if effect == "specular" else None
         chosen = everything.without(effect, light) if effect else everything
