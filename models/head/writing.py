@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from service.head.files import FORMAT, HALF, STORED, TEXT, check
+from service.head.files import FORMAT, STORED, TEXT, check
 from service.head.model import HeadModel
+
+HALF = ("identity", "expression", "regions")
+"""Arrays that are stored as float16."""
 
 
 def save_head(model: HeadModel, path: Path) -> None:

@@ -36,12 +36,11 @@ class GltfWriter:
     accessors: list[Object] = field(default_factory=list)
     chunks: dict[str, list[bytes]] = field(default_factory=dict)
     sizes: dict[str, int] = field(default_factory=dict)
-    views: list[str] = field(default_factory=list)
     zeros: dict[tuple[int, bool], int] = field(default_factory=dict)
 
     def add_raw(self, data: bytes) -> int:
         """A separate buffer view for bytes without an accessor."""
-        view, _ = self._append(f"raw{len(self.views)}", data)
+        view, _ = self._append(f"raw{len(self.chunks)}", data)
         return view
 
     def add_vertices(self, rows: AnyFloat, *, bounds: bool = False) -> int:
@@ -53,9 +52,9 @@ class GltfWriter:
     def add_indices(self, triangles: AnyInt, vertex_count: int) -> int:
         """Accessor of triangle corners, 16-bit where possible (index 65535 would restart the primitive)."""
         wide = vertex_count > 0xFFFF
-        data = np.ascontiguousarray(triangles.ravel(), "<u4" if wide else "<u2")
-        view, offset = self._append("indices32" if wide else "indices16", data.tobytes())
-        kind = _UINT32 if wide else _UINT16
+        kind, code = (_UINT32, "<u4") if wide else (_UINT16, "<u2")
+        data = np.ascontiguousarray(triangles.ravel(), code)
+        view, offset = self._append(f"indices{code}", data.tobytes())
         accessor = {"bufferView": view, "byteOffset": offset, "componentType": kind, "count": len(data)}
         self.accessors.append({**accessor, "type": "SCALAR"})
         return len(self.accessors) - 1
@@ -82,10 +81,10 @@ class GltfWriter:
     def finish(self, document: Object) -> bytes:
         """The GLB: header, JSON chunk padded with spaces, binary chunk padded with zeros."""
         offset, views = 0, []
-        for name in self.views:
-            view: Object = {"buffer": 0, "byteOffset": offset, "byteLength": self.sizes[name]}
+        for name, size in self.sizes.items():
+            view: Object = {"buffer": 0, "byteOffset": offset, "byteLength": size}
             views.append(view | _view_facts(name))
-            offset += self.sizes[name] + -self.sizes[name] % 4
+            offset += size + -size % 4
         content = document | {
             "accessors": self.accessors,
             "bufferViews": views,
@@ -93,7 +92,7 @@ class GltfWriter:
         }
         text = json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
         text += b" " * (-len(text) % 4)
-        padded = ((*self.chunks[name], b"\0" * (-self.sizes[name] % 4)) for name in self.views)
+        padded = ((*self.chunks[name], b"\0" * (-size % 4)) for name, size in self.sizes.items())
         binary = b"".join(chunk for chunks in padded for chunk in chunks)
         total = 12 + 8 + len(text) + 8 + len(binary)
         head = struct.pack("<4sII", b"glTF", 2, total) + struct.pack("<I4s", len(text), b"JSON")
@@ -115,13 +114,12 @@ class GltfWriter:
     def _append(self, view: str, data: bytes) -> tuple[int, int]:
         """Index of the view and the offset of ``data`` in it, both multiples of four bytes."""
         if view not in self.chunks:
-            self.views.append(view)
             self.chunks[view], self.sizes[view] = [], 0
         padding = b"\0" * (-self.sizes[view] % 4)
         offset = self.sizes[view] + len(padding)
         self.chunks[view] += [padding, data]
         self.sizes[view] = offset + len(data)
-        return self.views.index(view), offset
+        return list(self.sizes).index(view), offset
 
 
 def _view_facts(name: str) -> Object:

@@ -122,8 +122,8 @@ class Bench:
 
 
 def shown_loss(name: str, loss: float) -> float:
-    """Decibels of a colour, degrees of a normal."""
-    return decibels(loss) if COMPARED[name] == "colour" else loss
+    """PSNR of a colour in decibels, at most ``SAME_DB``, degrees of a normal."""
+    return loss if COMPARED[name] == "normal" else min(-20 * float(np.log10(max(loss, 1e-12))), SAME_DB)
 
 
 def runs(*, quick: bool) -> list[Row]:
@@ -274,11 +274,6 @@ def _losses(file: Path, best: Mapping[str, npt.NDArray[Any]]) -> dict[str, float
                 skin = cv2.resize(best["skin"].astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
                 found[name] = loss_of(COMPARED[name], maps[name], best[name], skin)
     return found
-
-
-def decibels(rms: float) -> float:
-    """PSNR of a root mean square error of values in [0, 1], at most ``SAME_DB``."""
-    return min(-20 * float(np.log10(max(rms, 1e-12))), SAME_DB)
 
 
 def loss_of(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], mask: Bool) -> float:

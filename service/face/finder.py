@@ -182,11 +182,9 @@ class FaceFinder:
         Of use where ``find`` has nothing: the landmark network sees few profiles (``service.face.profile``).
         """
         height, width = pixels.shape[:2]
-        found: list[Detection] = []
-        for side in list(tile_sides(width, height))[:DOUBTED_PASSES]:
-            for region in photo_tiles(width, height, side):
-                found.extend(self._detector(pixels, region, CERTAIN))
-        return merge(found)[:MOST_DOUBTED]
+        passes = list(tile_sides(width, height))[:DOUBTED_PASSES]
+        regions = (region for side in passes for region in photo_tiles(width, height, side))
+        return merge([one for region in regions for one in self._detector(pixels, region, CERTAIN)])[:MOST_DOUBTED]
 
     def _search(self, pixels: UInt8) -> list[Face]:
         height, width = pixels.shape[:2]
@@ -205,9 +203,8 @@ class FaceFinder:
     def _scan(self, pixels: UInt8, side: float, angle: float, faces: list[Face]) -> list[Face]:
         """One pass over tiles; returns ``faces`` with the new ones that do not overlap them."""
         height, width = pixels.shape[:2]
-        found: list[Detection] = []
-        for region in photo_tiles(width, height, side, angle):
-            found.extend(self._detector(pixels, region, HINT))
+        regions = photo_tiles(width, height, side, angle)
+        found = [one for region in regions for one in self._detector(pixels, region, HINT)]
         # Most candidates of one pass that are verified, best first.
         for candidate in merge(found)[:12]:
             if _found_before(candidate.box, faces):

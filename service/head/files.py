@@ -19,8 +19,6 @@ FORMAT = 1
 DEFAULT_HEAD = Path(__file__).resolve().parent.parent / "data" / "head" / "head.npz"
 
 TEXT = ("name", "licence", "expression_names", "part_names", "region_names")
-HALF = ("identity", "expression", "regions")
-"""Arrays that are stored as float16."""
 
 _ARRAYS: dict[str, tuple[type, tuple[str | int, ...]]] = {
     "mean": (np.float32, ("V", 3)), "identity": (np.float32, ("K", "V", 3)), "expression": (np.float32, ("E", "V", 3)),

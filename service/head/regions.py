@@ -117,19 +117,16 @@ class Eyeball:
     Attributes:
         centre: (3,) float64 metres.
         radius: metres.
-        low, high: (3,) float64 metres, corners of the bounding box.
     """
 
     centre: Float64
     radius: float
-    low: Float64
-    high: Float64
 
     @classmethod
     def of(cls, vertices: AnyFloat) -> Eyeball:
         """From the (M, 3) vertices of one eye, M > 0, in metres."""
         low, high = (np.asarray(end, np.float64) for end in (vertices.min(0), vertices.max(0)))
-        return cls((low + high) / 2, float((high - low).max()) / 2, low, high)
+        return cls((low + high) / 2, float((high - low).max()) / 2)
 
     @property
     def limbus_deg(self) -> float:

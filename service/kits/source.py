@@ -146,25 +146,17 @@ def kit_facts(archive: ArchiveFile) -> dict[str, Any]:
 
 
 def write_light(archive: ArchiveFile, folder: Path) -> list[Path]:
-    """The photo's light as ``photo_light.exr`` in a folder; returns its path, or nothing where there is none."""
-    light = environment(archive)
-    if light is None:
-        return []
-    write(folder / "photo_light.exr", light)
-    return [folder / "photo_light.exr"]
+    """The photo's light as ``photo_light.exr`` in a folder; returns its path, or nothing where the photo gave none.
 
-
-def environment(source: ArchiveFile) -> bytes | None:
-    """EXR of the radiance around the head, equirectangular, Z up as in Blender; None where the photo gave no light.
-
-    Column 0 is -X; the middle looks along +X, and -Y, where the face looks in a Z-up world, is at three quarters.
+    It is the radiance around the head, equirectangular, Z up as in Blender. Column 0 is -X; the middle looks along +X,
+    and -Y, where the face looks in a Z-up world, is at three quarters.
     """
-    fit, camera = source.manifest.get("fit"), source.manifest.get("camera")
+    fit, camera = archive.manifest.get("fit"), archive.manifest.get("camera")
     light = fit.get("light") if isinstance(fit, dict) else None
     if not isinstance(light, dict) or not isinstance(camera, dict):
-        return None
+        return []
     try:
-        coefficients = np.array(light["coefficients"], np.float64).reshape(9, 3) / _skin(source)
+        coefficients = np.array(light["coefficients"], np.float64).reshape(9, 3) / _skin(archive)
         turn = np.array(camera["rotation"], np.float64).reshape(3, 3)
     except (KeyError, TypeError, ValueError) as error:
         raise BadArchive(f"the camera or the light of the manifest cannot be used: {error}") from error
@@ -177,7 +169,8 @@ def environment(source: ArchiveFile) -> bytes | None:
     radiance = np.einsum("...k,kc->...c", basis(head @ turn.T), coefficients)
     if not np.all(np.abs(radiance) < 1e6):  # the most of a scene; also where it is no number
         raise BadArchive("the camera or the light of the manifest cannot be used: it is not finite")
-    return exr_bytes(np.maximum(radiance, 0).astype(np.float32))
+    write(folder / "photo_light.exr", exr_bytes(np.maximum(radiance, 0).astype(np.float32)))
+    return [folder / "photo_light.exr"]
 
 
 def _skin(source: ArchiveFile) -> Float64:
