@@ -200,7 +200,8 @@ def make_avatar(
                 albedo = small_albedo(made.diffuse_albedo, texture.texture.shape[1::-1])
                 light = to_albedo(texture.texture, albedo, texture.lit_skin)
                 own_parts = in_albedo(own_parts, brows, head, albedo, light)
-                own_hair, own_parts = hair_in_albedo(own_hair, own_parts, light / over_skin(own_hair.groom, fit))
+                above = light / over_skin(own_hair.groom, fit)
+                own_hair, own_parts = hair_in_albedo(own_hair, own_parts, above, beard)
                 if beard is not None:
                     beard, own_parts = groom_in_albedo(beard, own_parts, light, BEARD)
             return Avatar(

@@ -38,8 +38,6 @@ DYED, DYED_DARK, DARK = 0.4, 2.0, 0.02
 """Spread over the channels of the logarithm of melanin's colour over the hair's, from which on no melanin explains it:
 less is the photo's white balance. By so much more in black hair, which mirrors sky, and the luminance at which 1/e of
 that is left."""
-COPPER = 0.1
-"""The same of green over red from which on warm hair is redder than melanin."""
 NEUTRAL = 0.45
 """Saturation (1 - min / max of linear RGB) below which hair without melanin's colour is grey, not dyed."""
 KNOTS = 8
@@ -123,6 +121,13 @@ class HairColour:
         """Of the strands of a mask (N,) or an index."""
         return replace(self, melanin=self.melanin[kept], dye=self.dye if self.dye.ndim == 1 else self.dye[kept])
 
+    def as_bright(self, bright: Float32) -> HairColour:
+        """With so much more or less of the same pigment that luminances are those (N, KNOTS), in (SURFACE, 1)."""
+        absorbs = np.asarray(self.melanin @ PIGMENTS + self.dye, np.float64)
+        factor = _as_bright(np.broadcast_to(absorbs, (*bright.shape, 3)), bright)
+        dye = self.dye * factor if self.dye.any() else self.dye
+        return replace(self, melanin=np.asarray(self.melanin * factor, np.float32), dye=np.asarray(dye, np.float32))
+
     def linear(self, points: int = KNOTS) -> Float32:
         """(N, points, 3) float32 linear RGB in [0, 1] under white light, even from root to tip."""
         at = np.linspace(0, KNOTS - 1, points)
@@ -168,16 +173,14 @@ def farther_if_black(bright: float) -> float:
     return DYED_DARK * float(np.exp(-bright / DARK))
 
 
-def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, redder: bool = False, shine: float = 0.0) -> HairColour:
+def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, shine: float = 0.0) -> HairColour:
     """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains.
 
     Args:
         colours: of the strands.
-        dyed_from: how far from melanin's colours hair is dyed, as ``DYED``; 0 for grey hair, in which white hairs and
-            others together have a colour that no hair has alone; infinite where all of it is melanin, and minus
-            infinity where the colour is kept whatever it is.
-        redder: whether warm hair may be redder than melanin all the same, as copper is: the colours of real red hair
-            lie beyond those that pheomelanin has here.
+        dyed_from: how far from melanin's colours hair is dyed, as ``DYED``; 0 for a colour that is hair's own all the
+            same, as of white hairs and others together, or of copper, which lies beyond what pheomelanin has here;
+            minus infinity where the colour is kept whatever it is.
         shine: what they mirror, see :class:`HairColour`.
     """
     colours = np.clip(colours - np.float32(shine), 1.15 * SURFACE, 0.98)
@@ -185,17 +188,14 @@ def as_absorbed(colours: AnyFloat, *, dyed_from: float = DYED, redder: bool = Fa
     melanin, dye = _melanin(absorbed), np.zeros(3)
     wanted = luma(np.asarray(colours, np.float32))
     melanin *= _as_bright(melanin @ PIGMENTS, wanted)
-    if (redder or dyed_from < np.inf) and len(colours):
+    if len(colours):
         usual = np.median(absorbed.reshape(-1, 3), 0)
         amount = np.median(melanin.reshape(-1, 2), 0)
         nearest, shown = reflected(amount @ PIGMENTS), reflected(usual)
         left = np.log((nearest + SHINE) / (shown + SHINE))
         bright = float(luma(shown))
         far = float(left.max() - left.min()) > dyed_from + farther_if_black(bright)
-        copper = redder and is_warm(shown) and left[1] - left[0] > COPPER
-        if copper and not far:  # no less yellow than melanin: that would be the sky
-            usual[2] = max(usual[2], float((amount @ PIGMENTS)[2]))
-        if far or copper:
+        if far:
             # Whatever melanin there is absorbs no more than the dyed hair does in any channel.
             most = (usual / np.maximum(amount @ PIGMENTS, 1e-9)).min()
             melanin = melanin * min(1.0, float(most))

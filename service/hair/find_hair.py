@@ -29,7 +29,7 @@ from service.hair.scalp import Scalp, length_of
 from service.hair.shape import fitted, seen_share, upright
 from service.hair.sight import SHOWS, Drawn, Sight, overlap
 from service.hair.style import LENGTHS, NAMED, WAVES, Curl, Style, style_from_json
-from service.hair.worn_hair import WornHair, mirrored
+from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
 from service.image_filters import blurred, ramp
 from service.photo.photo import Photo
@@ -208,8 +208,6 @@ AUBURN = 1.5
 """Red over blue from which on hair that is violet in the photo is auburn in a cold light."""
 COVERS_M, STUBBLE = 0.004, 0.25
 """Length at which all but 1/e of the skin is covered, and the least that hair has of its colour over skin."""
-MOST_SHINE = 0.8
-"""Most of the darkest channel of the usual strand that it mirrors: darker ones mirror less."""
 USUAL_SPREAD = 0.16
 """Standard deviation of the logarithm of luminance from strand to strand, where none are seen."""
 LEAST_LIT = 0.6
@@ -272,9 +270,7 @@ def painted(
         shown[..., 1:] = np.sqrt(shown[..., 1:2] * shown[..., 2:])
     elif is_warm(usual):  # nor are its brighter strands blue, which mirror the sky
         shown = np.minimum.accumulate(shown, -1)
-    usual = np.median(shown.reshape(-1, 3), 0)
-    shine = float(np.clip(mirrored(usual), SHINE, max(SHINE, MOST_SHINE * float(usual.min()))))
-    return as_absorbed(shown, dyed_from=-np.inf, shine=shine)  # what is pigment in it is told without its light
+    return as_absorbed(shown, dyed_from=-np.inf, shine=SHINE)  # what is pigment in it is told without its light
 
 
 def _without_skin(usual: Float32, strands: Float32, skin: Float32, guess: Float32) -> Float32:

@@ -12,14 +12,14 @@ from service.colour import bytes_to_linear, linear_to_srgb, luma
 from service.face.fit.fit import Fit
 from service.geometry.mesh import unit
 from service.hair.cards import BUDGETS, HAIR, hair_parts
-from service.hair.colour import DYED, KNOTS, NEUTRAL, as_absorbed, farther_if_black, is_warm
+from service.hair.colour import KNOTS, SURFACE, as_absorbed
 from service.hair.groom import Groom
+from service.hair.pigment import TURNED, told_pigment
 from service.hair.scalp import CENTRE, Scalp
 from service.levels import QualityName
 from service.light.formulas import sh_basis
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
-from service.render.sketch import MIRRORED, with_gloss, without_gloss
 from service.words import WarningCode
 
 
@@ -65,6 +65,10 @@ def hair_cards(hair: WornHair, skin: Scalp | None, quality: QualityName, seed: i
     return () if hair.groom is None or skin is None else hair_parts(hair.groom, skin, BUDGETS[quality], seed)
 
 
+TURNED_IF_BEARD_IS = 0.65, 0.03
+"""Probability that hair is turning grey where the beard does and where it does not: beards turn first."""
+BESIDE = 0.2, 5.0
+"""Least and most that a strand is as bright as the usual one."""
 RETURNED = 0.9
 """What strands show of their colour where a surface beside them shows all of its own, as they shade each other: 1.0
 under a clouded sky to 0.6 below a flash, in our own renderer."""
@@ -83,7 +87,7 @@ def over_skin(groom: Groom | None, fit: Fit) -> float:
 
 
 def hair_in_albedo(
-    hair: WornHair, parts: tuple[MeshPart, ...], light: Float32
+    hair: WornHair, parts: tuple[MeshPart, ...], light: Float32, beard: Groom | None = None
 ) -> tuple[WornHair, tuple[MeshPart, ...]]:
     """Hair and its meshes without the photo's light, in a colour that melanin has, or dye where it is far from those.
 
@@ -91,40 +95,28 @@ def hair_in_albedo(
         hair: of the photo.
         parts: with those of :func:`hair_cards`; all others stay as they are.
         light: (3,) factors from colours in the photo's light on hair to albedo.
+        beard: in the photo's light; None without one. Who has a grey one is likely to be grey.
     """
     if hair.groom is None or not hair.in_photo_light or not len(hair.groom):
         return hair, parts
-    groom, unlit = groom_in_albedo(hair.groom, parts, light)
+    turned = TURNED
+    if beard is not None and len(beard):
+        grey = told_pigment(_usual(beard), light).grey
+        turned = grey * TURNED_IF_BEARD_IS[0] + (1 - grey) * TURNED_IF_BEARD_IS[1]
+    groom, unlit = groom_in_albedo(hair.groom, parts, light, turned=turned)
     return replace(hair, groom=groom, in_photo_light=False), unlit
 
 
 def groom_in_albedo(
-    groom: Groom, parts: tuple[MeshPart, ...], light: Float32, name: str = HAIR
+    groom: Groom, parts: tuple[MeshPart, ...], light: Float32, name: str = HAIR, turned: float = TURNED
 ) -> tuple[Groom, tuple[MeshPart, ...]]:
     """As :func:`hair_in_albedo`, of strands, at least one, whose meshes have names that begin with ``name``."""
-    seen = groom.colour.linear()
-    usual = np.median(seen.reshape(-1, 3), 0)
-    brown = is_warm(usual) or is_warm(usual * light)
-    if is_warm(usual):
-        light = _as_coloured(light, usual)
-    white = np.clip(seen * light, 1e-3, 0.9)
-    middle = np.clip(usual * light, 1e-3, 0.9)
-    # Strands that are brighter than the rest mirror more than the rest.
-    beside = np.clip(luma(white) / luma(middle), *MIRRORS)[..., None]
-    # Of hair that has a hue no more than is drawn again: that of black hair is what it mirrors.
-    hued = brown and middle.min() < (1 - NEUTRAL) * middle.max()
-    own = without_gloss(white, (min(mirrored(middle), MIRRORED) if hued else mirrored(middle)) * beside)
-    if brown:  # nor is a strand that the light blew out
-        own = np.minimum.accumulate(own, -1)
-    grey = greyed(np.median(own.reshape(-1, 3), 0))
-    if grey or brown:
-        doubt = grey_doubt(light) if grey else HUE_DOUBT
-        own = (1 - doubt) * own + doubt * as_absorbed(own, dyed_from=np.inf, redder=not grey).linear(KNOTS)
-        unlit_colour = as_absorbed(own, dyed_from=0.0)
-    else:
-        # What is black in the photo is not dyed, however little light it is told to have had.
-        unlit_colour = as_absorbed(own, dyed_from=DYED + farther_if_black(float(luma(usual))), redder=True)
-    made = replace(unlit_colour, measured=groom.colour.measured)
+    seen, usual = groom.colour.linear(), _usual(groom)
+    pigment = told_pigment(usual, light, turned)
+    # Strands are as bright beside each other as in the photo, by more or less of the same pigment.
+    bright = luma(pigment.albedo) * np.clip(luma(seen) / max(float(luma(usual)), 1e-4), *BESIDE)
+    colour = as_absorbed(np.broadcast_to(pigment.albedo, (1, KNOTS, 3)), dyed_from=0.0)
+    made = replace(colour.as_bright(np.clip(bright, 1.5 * SURFACE, 0.9)), measured=groom.colour.measured)
     change = _changes(seen, made.linear(KNOTS))
     # Materials and textures that parts share stay shared.
     materials: dict[str, Material] = {}
@@ -139,67 +131,9 @@ def groom_in_albedo(
     return replace(groom, colour=made), unlit
 
 
-def _as_coloured(light: Float32, usual: Float32) -> Float32:
-    """Factors (3,) as bright as ``light`` and no more coloured than leaves brown hair (3,) without a hue.
-
-    Hair that is brown in the photo is neither green nor violet without its light: a hue that no melanin has is the
-    light's, which need not be as coloured on the hair as on the face.
-    """
-    shares = [1.0]
-    for more, less in ((0, 1), (1, 2)):
-        turns = np.log(light[less] / light[more])
-        if turns > 0:
-            shares.append(float(np.log(usual[more] / max(float(usual[less]), 1e-6)) / turns))
-    made = light ** min(shares)
-    return np.asarray(made * luma(usual * light) / max(float(luma(usual * made)), 1e-6), np.float32)
-
-
-HUE = 0.2
-"""Standard deviation of the logarithm of a channel of hair beside that of the melanin nearest to it."""
-AMOUNTS = MIRRORED * 2 ** np.linspace(-2, 3.5, 23, dtype=np.float32)
-MIRRORS = 0.3, 4.0
-"""Least and most that a strand mirrors over the usual one."""
-
-
-def mirrored(colour: Float32) -> float:
-    """How much white light hair mirrors that has a linear RGB (3,) under white light.
-
-    The likeliest of ``AMOUNTS``, which vary by a factor of two: dark hair without a hue is black and shines, as no
-    melanin is grey.
-    """
-    if greyed(without_gloss(colour, MIRRORED)):
-        return MIRRORED  # it is grey itself, and tells nothing
-    inside = [without_gloss(colour, float(amount)) for amount in AMOUNTS]
-    nearest = as_absorbed(np.repeat(np.array(inside)[:, None], KNOTS, 1), dyed_from=np.inf).linear()[:, 0]
-    off = [np.log(with_gloss(one, float(amount)) / colour) for one, amount in zip(nearest, AMOUNTS, strict=True)]
-    cost = np.square(np.array(off) / HUE).sum(1) + np.square(np.log2(AMOUNTS / MIRRORED))
-    return float(AMOUNTS[int(cost.argmin())])
-
-
-GREYED = (0.06, 0.1), NEUTRAL
-"""Luminances from which on hair without any hue is grey, and hair of the saturation, 1 - min / max, up to which it is:
-brown as fair as the latter has 0.75, and blond 0.6."""
-
-
-def greyed(albedo: Float32) -> bool:
-    """Whether hair of a linear albedo (3,) is grey: it has the colour of melanin, and of strands that have lost it."""
-    (none, most), saturation = GREYED
-    hue = (1 - albedo.min() / max(float(albedo.max()), 1e-6)) / saturation
-    return bool(hue < 1 and luma(albedo) > none + (most - none) * hue)
-
-
-HUE_DOUBT = 0.5
-"""Share of the hue of brown hair, where it is none that melanin has, that is the photo's light or what it mirrors: real
-hair lies about melanin's colours as far as these are told."""
-LIGHT_HUE, HAIR_HUE = (0.1, 0.35), 0.35
-"""Standard deviation of the logarithm of red over blue: of white light as it is told, and what it grows by with that
-logarithm of coloured light; and of hair about melanin of its brightness."""
-
-
-def grey_doubt(light: Float32) -> float:
-    """How likely hair that is grey without a light (3,) is blond, in [0, 1]: coloured light is told less surely."""
-    told = LIGHT_HUE[0] + LIGHT_HUE[1] * float(np.log(light.max() / max(float(light.min()), 1e-6)))
-    return told**2 / (told**2 + HAIR_HUE**2)
+def _usual(groom: Groom) -> Float32:
+    """(3,) linear RGB, the usual colour of its strands."""
+    return np.asarray(np.median(groom.colour.linear().reshape(-1, 3), 0), np.float32)
 
 
 LEVELS_OF_HAIR = 16

@@ -46,13 +46,8 @@ def open_light(light: Illumination, graphs: Graphs, points: Float32, normals: An
     return np.asarray(arriving.T / np.float32(np.pi), np.float32)
 
 
-def without_gloss(seen: AnyFloat, mirrored: AnyFloat | float = MIRRORED) -> Float32:
-    """Albedo of hair from its linear RGB under white light, without what it mirrors; darker than that stays above 0."""
-    return np.asarray(np.square(seen) / (seen + np.asarray(mirrored, np.float32)), np.float32)
-
-
 def with_gloss(albedo: AnyFloat, mirrored: AnyFloat | float = MIRRORED) -> Float32:
-    """Linear RGB of hair under white light, with what it mirrors: the inverse of :func:`without_gloss`."""
+    """Linear RGB of hair of an albedo under white light, with what it mirrors: x of x^2 / (x + mirrored) = albedo."""
     some = 4 * np.asarray(mirrored, np.float32) * albedo
     return np.asarray(0.5 * (albedo + np.sqrt(np.square(albedo) + some)), np.float32)
 

@@ -175,7 +175,7 @@ def test_bright_strands_of_black_hair_lose_the_skys_blue_as_dark_ones_do() -> No
     groom = dataclasses.replace(groom, colour=mirrors)
     worn = WornHair(groom, "bob", {}, np.ones(len(groom), np.float32), in_photo_light=True)
     other, unlit = hair_in_albedo(worn, hair_parts(groom, mean_scalp(), SMALL), np.array([1, 0.9, 0.6], np.float32))
-    assert other.groom is not None and not other.groom.colour.dye.any()
+    assert other.groom is not None and not other.groom.colour.dyed
     picture = bytes_to_linear(atlas(unlit)[atlas(unlit)[..., 3] > 200][:, :3])
     hues = []
     for colours in (picture, other.groom.colour.linear().reshape(-1, 3)):

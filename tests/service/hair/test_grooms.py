@@ -149,7 +149,7 @@ def test_melanin_is_found_again_from_its_colour() -> None:
         assert not found.dye.any()
     assert as_absorbed(np.broadcast_to(np.array([0.05, 0.3, 0.1], np.float32), (4, KNOTS, 3))).dyed, "green"
     levels = np.geomspace(0.3, 3, 20, dtype=np.float32)[:, None, None]
-    copper = as_absorbed(np.repeat(levels * np.array([0.17, 0.045, 0.02], np.float32), KNOTS, 1), redder=True)
+    copper = as_absorbed(np.repeat(levels * np.array([0.17, 0.045, 0.02], np.float32), KNOTS, 1), dyed_from=0.0)
     red, green, blue = np.moveaxis(copper.linear(), -1, 0)
     assert (red > 1.8 * green).all() and (green > blue).all(), "bright strands were pink: all were dyed alike"
     assert len(copper.chosen(np.arange(5)).linear()) == 5
