@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from timeit import repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -117,12 +118,12 @@ def measure_speed(engine: Engine, networks: tuple[str, ...]) -> Speed:
             side = (SAMPLE // what.scale // what.stride * what.stride if small else SAMPLE) + 2 * what.margin
             shape = (side, side) if what.whole is None else what.whole[::-1]
             maps = np.zeros((len(what.channels), *shape), np.float32)
-            first, second = _twice(lambda: _run(network, maps))  # noqa: B023 - called at once
+            first, second = repeat(lambda: _run(network, maps), number=1, repeat=2)  # noqa: B023 - called at once
             seconds = min(first, second)
             tiles = (what.margin, what.scale) if what.whole is None else None
             area = shape[0] * shape[1] / 1e6 * network.lanes if tiles else 1.0
             costs[name] = NetworkSpeed(opened + first - seconds, seconds / area, tiles)
-    return Speed(yardstick=min(_twice(_yardstick)), networks=costs)
+    return Speed(yardstick=min(repeat(_yardstick, number=1, repeat=2)), networks=costs)
 
 
 def _run(network: Network, maps: Float32) -> None:
@@ -138,15 +139,6 @@ def _network_seconds(name: str, speed: NetworkSpeed, texels: float) -> float:
     area = TEXTURE_SIZE[0] * TEXTURE_SIZE[1] / 1e6 if name in ENLARGING else texels
     side = DEFAULT_TILE / scale
     return speed.opening + speed.seconds * area * ((side + 2 * margin) / side) ** 2
-
-
-def _twice(work: Callable[[], object]) -> tuple[float, float]:
-    seconds = []
-    for _ in range(2):
-        begin = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - begin)
-    return seconds[0], seconds[1]
 
 
 def _yardstick() -> float:

@@ -242,14 +242,13 @@ def apart_from_most(codes: Sequence[Float64], threshold: float) -> list[int]:
     One belongs to the group if it is close to any of it: photos from the left and from the right know each other only
     by those in between.
     """
+    from scipy.sparse.csgraph import connected_components
+
     apart = np.array([[distance(one, other) for other in codes] for one in codes])
     near = apart < threshold
-    inside = {max(range(len(codes)), key=lambda k: (int(near[k].sum()), -float(np.median(apart[k])), -k))}
-    while True:
-        grown = inside | {k for k in range(len(codes)) if near[k, sorted(inside)].any()}
-        if grown == inside:
-            return [k for k in range(len(codes)) if k not in inside]
-        inside = grown
+    middle = max(range(len(codes)), key=lambda k: (int(near[k].sum()), -float(np.median(apart[k])), -k))
+    group = connected_components(near, directed=False)[1]
+    return [k for k in range(len(codes)) if group[k] != group[middle]]
 
 
 def of_one_person(

@@ -83,8 +83,7 @@ class Store:
         waiting = sa.select(JOBS).where(IS_WAITING).order_by(JOBS.c.turn).limit(head)
         parts = [sa.select(JOBS).where(JOBS.c.state == "running")]
         parts += [sa.select(waiting.where(JOBS.c.kind == kind).subquery()) for kind in KINDS]
-        with self.engine.connect() as connection:
-            return list(connection.execute(sa.union_all(*parts)).mappings())
+        return self._all(sa.union_all(*parts))
 
     def measured(self, limit: int = 2000) -> list[Row]:
         """Options, times and memory of the last avatars that succeeded."""
@@ -100,7 +99,7 @@ class Store:
         with self.engine.connect() as connection:
             return connection.execute(query).mappings().one_or_none()
 
-    def _all(self, query: sa.Select[Any]) -> list[Row]:
+    def _all(self, query: sa.Select[Any] | sa.CompoundSelect[Any]) -> list[Row]:
         with self.engine.connect() as connection:
             return list(connection.execute(query).mappings())
 

@@ -144,11 +144,6 @@ class LightPlan:
         """Sum of the bounds of the effects left out, in 1/255 of sRGB (mean absolute error over the face)."""
         return sum(d.bound for d in self.decisions if not d.runs)
 
-    @property
-    def left_out(self) -> tuple[Decision, ...]:
-        """Decisions against an effect."""
-        return tuple(d for d in self.decisions if not d.runs)
-
     def runs(self, effect: str, light: int | None = None) -> bool:
         """Whether an effect is computed; KeyError: the plan, made for another scene, knows no such effect or light."""
         for d in self.decisions:

@@ -103,7 +103,7 @@ def trials(people: list[Subject], scenes: range, tolerance: float) -> Iterator[T
         planned, planned_s = _timed_bake(subject, scene, chosen, anew=anew)
         if not anew:
             full_s = planned_s = 0.0
-        names = tuple(d.effect for d in chosen.left_out)
+        names = tuple(d.effect for d in chosen.decisions if not d.runs)
         yield Trial(number, error(whole, planned, subject.face), chosen.bound, full_s, planned_s, plan_s, names)
 
 
