@@ -3,7 +3,7 @@
 A photo shows the product of pigment and light, and over it what strands mirror. The light on the hair is not that on
 the face: a sun behind the head, a lamp above it, a shadow. So no factor leads from one to the other. Here heads of hair
 are drawn as often as there are such, each is put into the light that the face tells, and counts by how near it comes to
-the photo's colour for what is known of that light (Bayes' rule; a Student's t, as light is sometimes all different).
+the photo's colour for what is known of that light (Bayes' rule; by Student's t, as some light is all different).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ counts as grey."""
 AMOUNT = 0.4
 """Standard deviation of the logarithm of either pigment about its colour's."""
 HEADS = 6000
-"""Heads of hair that are drawn: half as many moved albedos by 2 % at most."""
+"""Heads of hair that are drawn: half as many moved natural colours by 5 % at most."""
 GLOSS = SHINE * 2.0 ** np.arange(-1.0, 4.0)
 GLOSS_SPREAD = 1.4
 """What strands mirror, over the light on the face, and the standard deviation of its base-2 logarithm."""
