@@ -33,6 +33,7 @@ from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
 from service.image_filters import blurred, ramp
 from service.photo.photo import Photo
+from service.render.sketch import MIRRORED
 from service.words import WarningCode
 
 UNREAD = "crop"
@@ -208,6 +209,8 @@ AUBURN = 1.5
 """Red over blue from which on hair that is violet in the photo is auburn in a cold light."""
 COVERS_M, STUBBLE = 0.004, 0.25
 """Length at which all but 1/e of the skin is covered, and the least that hair has of its colour over skin."""
+MOST_SHINE = 0.8
+"""Most of the darkest channel of the usual strand that it mirrors: darker ones mirror less."""
 USUAL_SPREAD = 0.16
 """Standard deviation of the logarithm of luminance from strand to strand, where none are seen."""
 LEAST_LIT = 0.6
@@ -270,7 +273,9 @@ def painted(
         shown[..., 1:] = np.sqrt(shown[..., 1:2] * shown[..., 2:])
     elif is_warm(usual):  # nor are its brighter strands blue, which mirror the sky
         shown = np.minimum.accumulate(shown, -1)
-    return as_absorbed(shown, dyed_from=-np.inf, shine=SHINE)  # what is pigment in it is told without its light
+    darkest = float(np.median(shown.reshape(-1, 3), 0).min())
+    shine = float(np.clip(MOST_SHINE * darkest, SHINE, MIRRORED))
+    return as_absorbed(shown, dyed_from=-np.inf, shine=shine)  # what is pigment in it is told without its light
 
 
 def _without_skin(usual: Float32, strands: Float32, skin: Float32, guess: Float32) -> Float32:
