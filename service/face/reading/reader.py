@@ -3,9 +3,7 @@
 The reader's recipe is ``models/training/reader.py``. The crop stands upright on the landmarks, as the portraits did
 that it was trained on, and is read twice, as it is and mirrored: the average treats both sides alike.
 
-The reader was taught on synthetic people before synthetic backgrounds; it can take a curtain beside a head for hair.
-MediaPipe's selfie segmentation was taught on real photos and knows no parts. Each is a witness with errors of its own:
-Bayes' rule weighs them, with the second one's errors as they are in the very photo.
+Beside it ``service.face.reading.segments`` tells hair, skin, clothes and things as real photos have them.
 """
 
 from __future__ import annotations
@@ -15,12 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from service.arrays import Bool, Float32, Float64, UInt8
+from service.arrays import Float32, Float64, UInt8
 from service.errors import NumericFault
 from service.face.detection import face_roll
 from service.face.finder import Face
 from service.face.reading.openings import Landmarker, Openings, OpeningsNetwork, Scores
-from service.face.reading.part_labels import BACKGROUND, BEARD, BROW, HAIR, IRIS, LIP, MOUTH, OTHER, PARTS, SCLERA, SKIN
+from service.face.reading.part_labels import BACKGROUND, HAIR
+from service.face.reading.segments import SegmenterNetwork, Segments, likelihoods, parts_of, weigh_parts
 from service.face.region import Region, level_square
 from service.geometry.camera import ahead
 from service.geometry.sampling import sample_at
@@ -35,7 +34,9 @@ FILL = 0.64
 ABOVE = 0.03
 """How far the middle of the landmarks stands above the middle of the crop, over its side, as in the portraits."""
 AROUND_FILL, AROUND_ABOVE = 0.47, -0.04
-"""The same of the wider crop that holds all of the hair: near the widest of the portraits, whose middles vary."""
+"""The same of the wider crop: near the widest of the portraits, whose middles vary."""
+HEAD_FILL, HEAD_ABOVE = 0.40, 0.05
+"""The same of the square with all of the hair: about 0.44 m, from above the crown to below the shoulders."""
 CHART_MM = (410.0, 273.0)
 """Millimetres of face that one unit of u and of v stands for, about."""
 
@@ -54,6 +55,7 @@ class Reading:
         openings: edges of lids and lips; those that could not be read are missing.
         scores: of the expression; None where they could not be read.
         around: the same network's answer to a wider crop, which holds the hair; None where there is none.
+        segments: of the square with all of the hair, which is in the parts already; None without.
     """
 
     region: Region
@@ -65,6 +67,7 @@ class Reading:
     openings: Openings = field(default_factory=dict)
     scores: Scores | None = None
     around: Reading | None = None
+    segments: Segments | None = None
 
     @property
     def cells(self) -> Float64:
@@ -139,7 +142,8 @@ def _average(one: list[Float64], other: list[Float64]) -> list[Float64]:
 
 
 def parts_at_pixels(reading: Reading, at: Float64, *, strands: bool = False) -> Float32:
-    """(N, 13) float32 probabilities of the parts at photo pixels (N, 2); what no crop shows counts as background.
+    """(N, 13) float32 probabilities of the parts at photo pixels (N, 2); what no crop shows is the segmentation's,
+    without one background.
 
     The narrow crop, which is finer, goes over into the wider one at its border.
 
@@ -151,9 +155,9 @@ def parts_at_pixels(reading: Reading, at: Float64, *, strands: bool = False) -> 
     """
     narrow, inside = _in_crop(reading, at)
     if reading.around is None:
-        return _beyond(narrow, inside)
+        return _beyond(reading, at, narrow, inside)
     wide, around = _in_crop(reading.around, at)
-    wide = _beyond(wide, around)
+    wide = _beyond(reading, at, wide, around)
     # Cells of the narrow crop over which its answer goes over into that of the wider one, at its border.
     share = np.clip(inside / 6.0, 0, 1)[:, None]
     parts = np.asarray(share * narrow + (1 - share) * wide, np.float32)
@@ -176,122 +180,37 @@ def _in_crop(reading: Reading, at: Float64) -> tuple[Float32, Float32]:
     return np.asarray(sample_at(reading.parts, x, y), np.float32), np.minimum(cells, PART_CELLS - cells).min(1)
 
 
-def _beyond(parts: Float32, inside: Float32) -> Float32:
-    parts[inside < 0] = np.eye(parts.shape[1], dtype=np.float32)[BACKGROUND]
+def _beyond(reading: Reading, at: Float64, parts: Float32, inside: Float32) -> Float32:
+    beyond = inside < 0
+    parts[beyond] = np.eye(parts.shape[1], dtype=np.float32)[BACKGROUND]
+    if reading.segments is not None and beyond.any():
+        parts[beyond] = parts_of(reading.segments.at(at[beyond]))
     return parts
 
 
 log = logging.getLogger(__name__)
 
-PERSON_SIDE = 256
-OWN = tuple(k for k in range(len(PARTS)) if k not in (BACKGROUND, OTHER))
-"""Parts that are the person's; what else hides a face may be anything."""
-FACE = (SKIN, BROW, BEARD, LIP, MOUTH, SCLERA, IRIS)
-"""Parts by which a miss of the person is known: there is a face, as landmarks were found."""
-LEAST_RATE = 0.02
-"""Least rate of misses and of false alarms that is believed: they are counted on few cells, and on the face, which is
-easier to see than hair."""
 
-
-class PersonNetwork:
-    """The network applied to the crop of a photo."""
-
-    def __init__(self, session: Session | None = None) -> None:
-        self._session = session or load_session("person")
-
-    def __call__(self, pixels: UInt8, region: Region) -> Float32:
-        """(256, 256) float32 in [0, 1]: how much a pixel of the crop of an (H, W, 3) uint8 sRGB photo shows a person.
-
-        Raises:
-            NumericFault: the network gives no numbers.
-        """
-        image = np.ascontiguousarray(region.cut(pixels, PERSON_SIDE), np.float32)[None] / np.float32(255)
-        return np.asarray(self._session.run({"image": image})[0].reshape(PERSON_SIDE, PERSON_SIDE), np.float32)
-
-
-def with_person(pixels: UInt8, reading: Reading, network: PersonNetwork) -> Reading:
-    """A reading of both crops whose parts of the person are less probable where the network denies that there is one.
-
-    The network sees the wider crop. Where it gives no numbers, the reading stays as it is.
+def with_segments(pixels: UInt8, reading: Reading, segments: Segments) -> Reading:
+    """A reading whose parts in both crops are weighed with what the segmentation says.
 
     Args:
         pixels: (H, W, 3) uint8 sRGB photo.
         reading: of it.
-        network: of the person.
+        segments: of a square that holds both crops.
     """
     wide = reading if reading.around is None else reading.around
-    try:
-        seen = network(pixels, wide.region)
-    except NumericFault as fault:
-        log.warning("the person is not told from the background: %s", fault)
-        return reading
     height, width = pixels.shape[:2]
     at = middles(wide.region, PART_CELLS)
-    inside = ((at >= 0) & (at < [width, height])).all(1).reshape(PART_CELLS, PART_CELLS)
-    rates = error_rates(wide.parts, sampled(seen, wide.region, at), inside)
+    inside = ((at >= 0) & (at < [width, height])).all(1)
+    says = likelihoods(wide.parts.reshape(len(at), -1), segments.at(at), inside)
 
     def weighed(one: Reading) -> Reading:
-        shown = sampled(seen, wide.region, middles(one.region, PART_CELLS))
-        return replace(one, parts=weigh_parts(one.parts, shown, *rates))
+        shares = segments.at(middles(one.region, PART_CELLS)).reshape(PART_CELLS, PART_CELLS, -1)
+        return replace(one, parts=weigh_parts(one.parts, shares, says))
 
     around = None if reading.around is None else weighed(reading.around)
-    return replace(weighed(reading), around=around)
-
-
-def error_rates(parts: Float32, person: Float32, inside: Bool) -> tuple[float, float]:
-    """How often the network misses a person whom the reader sees, and how often it sees one in the background.
-
-    Args:
-        parts: (C, C, 13) probabilities of the reader.
-        person: (C, C) the network's.
-        inside: (C, C) whether a cell lies in the photo.
-
-    Returns:
-        Both in [``LEAST_RATE``, 1 - ``LEAST_RATE``]; one half where no cell tells.
-    """
-
-    def mean(values: Float32, weight: Float32) -> float:
-        total = float((weight * inside).sum())
-        return float((values * weight * inside).sum()) / total if total > 1.0 else 0.5
-
-    missed = mean(1 - person, parts[..., list(FACE)].sum(-1))
-    false = mean(person, parts[..., BACKGROUND])
-    low, high = np.clip([missed, false], LEAST_RATE, 1 - LEAST_RATE)
-    return float(low), float(high)
-
-
-def weigh_parts(parts: Float32, person: Float32, missed: float, false: float) -> Float32:
-    """Probabilities of the parts after what the network says: odds of the person times a likelihood ratio.
-
-    What a cell shows in part counts in part, as the logarithm of the ratio is averaged. The network takes away only:
-    it does not know which part of a person to add. One that says the same of face and background changes nothing.
-
-    Args:
-        parts: (..., 13) float32 probabilities of the reader.
-        person: (...) float32 in [0, 1], the network's.
-        missed: share of the person that it misses, in (0, 1).
-        false: share of the background that it takes for the person, in (0, 1).
-
-    Returns:
-        (..., 13) float32 that sum to 1 as ``parts`` do.
-    """
-    seen, unseen = np.log((1 - missed) / false), np.log(missed / (1 - false))
-    ratio = np.exp(np.minimum(person * seen + (1 - person) * unseen, 0.0))[..., None]
-    # Divided by their sum, without a pass over all parts for it.
-    rest = parts[..., BACKGROUND, None] + parts[..., OTHER, None]
-    total = 1.0 / np.maximum(ratio + (1 - ratio) * rest, 1e-6)
-    factors = np.where(np.isin(np.arange(len(PARTS)), OWN), ratio * total, total)
-    return np.asarray(parts * factors, np.float32)
-
-
-def sampled(seen: Float32, region: Region, at: Float64) -> Float32:
-    """(C, C) what the network says of a crop (256, 256), at photo pixels (C^2, 2), linearly interpolated."""
-    import cv2
-
-    x, y = (region.to_crop(at, PERSON_SIDE).astype(np.float32) - np.float32(0.5)).T
-    side = round(len(at) ** 0.5)
-    x, y = x.reshape(side, side), y.reshape(side, side)
-    return np.asarray(cv2.remap(seen, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    return replace(weighed(reading), around=around, segments=segments)
 
 
 @dataclass(frozen=True)
@@ -316,17 +235,17 @@ class Readers(Loaded):
         pixels: of places, normals and parts; None for the shipped one.
         openings: of lids and lips; None for the shipped ones.
         scores: of points and expression; None for the shipped ones.
-        person: that tells a person from what is behind; True for the shipped one, False for none.
+        segmenter: that tells hair, skin, clothes and things; True for the shipped one, False for none.
     """
 
     def __init__(
         self, pixels: ReaderNetwork | None = None, openings: OpeningsNetwork | None = None,
-        scores: Landmarker | None = None, person: PersonNetwork | bool = True,
+        scores: Landmarker | None = None, segmenter: SegmenterNetwork | bool = True,
     ) -> None:  # fmt: skip
         self.pixels = pixels or ReaderNetwork()
         self.openings = openings or OpeningsNetwork()
         self.scores = scores or Landmarker()
-        self.person = (PersonNetwork() if person else None) if isinstance(person, bool) else person
+        self.segmenter = (SegmenterNetwork() if segmenter else None) if isinstance(segmenter, bool) else segmenter
 
 
 def read_face(pixels: UInt8, landmarks: Float64, readers: Readers) -> Reading | None:
@@ -345,8 +264,12 @@ def read_face(pixels: UInt8, landmarks: Float64, readers: Readers) -> Reading | 
     if reading is None:
         return None
     reading = replace(reading, around=around)
-    if readers.person is not None:
-        reading = with_person(pixels, reading, readers.person)
+    square = crop_of(landmarks, HEAD_FILL, HEAD_ABOVE)
+    if readers.segmenter is not None and square is not None:
+        try:
+            reading = with_segments(pixels, reading, readers.segmenter(pixels, square))
+        except NumericFault as fault:
+            log.warning("hair, skin and things are not told apart by photos: %s", fault)
     return replace(
         reading,
         openings=readers.openings(pixels, landmarks),
