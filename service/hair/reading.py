@@ -167,7 +167,7 @@ def read_hair(pixels: UInt8, reading: Reading, network: HairNetwork | None = Non
     except NumericFault as fault:
         log.warning("the hair is not read: %s", fault)
         return None
-    mask = together(said.mask, parts[..., HAIR]) * inside
+    mask = (said.mask if reading.segments is None else together(said.mask, parts[..., HAIR])) * inside
     agrees = agreement(pixels, region, np.minimum(mask, known))
     return HairReading(
         region, mask, known, np.asarray(parts[..., BACKGROUND], np.float32), said.direction,

@@ -18,7 +18,8 @@ from service.colour import srgb_to_linear
 from service.face.fit.landmark_fit import facing, linear_points
 from service.face.fit.solver import PointTerm, State, project_points
 from service.face.reading.part_labels import BACKGROUND, SKIN
-from service.face.reading.reader import FACE, Reading, View, parts_at_pixels
+from service.face.reading.reader import Reading, View, parts_at_pixels
+from service.face.reading.segments import FACE
 from service.geometry.mesh import vertex_normals
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel

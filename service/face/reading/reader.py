@@ -202,7 +202,7 @@ def with_segments(pixels: UInt8, reading: Reading, segments: Segments) -> Readin
     wide = reading if reading.around is None else reading.around
     height, width = pixels.shape[:2]
     at = middles(wide.region, PART_CELLS)
-    inside = ((at >= 0) & (at < [width, height])).all(1)
+    inside = np.asarray(((at >= 0) & (at < [width, height])).all(1))
     says = likelihoods(wide.parts.reshape(len(at), -1), segments.at(at), inside)
 
     def weighed(one: Reading) -> Reading:

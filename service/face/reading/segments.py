@@ -1,7 +1,7 @@
 """What a photo shows by MediaPipe's multiclass selfie segmentation, and what that makes of the reader's parts.
 
-The reader was taught on drawn people before drawn backgrounds: it can take a curtain, a cap or a black hat for hair. The
-segmentation was taught on real photos, and knows six classes only. Each is a witness with errors of its own: Bayes'
+The reader was taught on drawn people before drawn backgrounds: it can take a curtain, a cap or a black hat for hair.
+The segmentation was taught on real photos, and knows six classes only. Each is a witness with errors of its own: Bayes'
 rule weighs them, the second one's errors as they are usual and, of the person and the background, as they are in the
 very photo.
 """
@@ -54,9 +54,8 @@ SAYS[OTHER] = 0.15, 0.05, 0.35, 0.05, 0.10, 0.30
 
 FACE = (SKIN, BROW, BEARD, LIP, MOUTH, SCLERA, IRIS)
 """Parts by which a miss of the person is known: there is a face, as landmarks were found."""
-LEAST_RATE = 0.02
-"""Least rate of misses and of false alarms that is believed: they are counted on few cells, and on the face, which is
-easier to see than hair."""
+LEAST_DOUBT = 0.02
+"""Least doubt of the network: errors are counted on few cells, and on the face, which is easier to see than hair."""
 TOLD: Float32 = 0.97 * np.eye(len(PARTS), dtype=np.float32)
 """(13, 13) what is there, by columns, where the reader is sure of a part, by rows: drawn hats are not real ones."""
 TOLD[:, [SKIN, OTHER]] += 0.015
@@ -126,11 +125,11 @@ def likelihoods(parts: Float32, shares: Float32, inside: Bool) -> Float32:
 
     (face, faced), (behind, any_behind) = mean(parts[:, list(FACE)].sum(1)), mean(parts[:, BACKGROUND])
     skin = CLASSES.index("body skin"), CLASSES.index("face skin")
-    wrong = float(np.clip(1 - face[list(skin)].sum(), LEAST_RATE, 1)) if faced else 1.0
-    says = (1 - wrong) * SAYS + wrong * (face if faced else 1 / len(CLASSES))
-    false = float(np.clip(1 - behind[0], LEAST_RATE, 1 - LEAST_RATE)) if any_behind else 0.5
-    others = np.maximum(behind[1:], 1e-3)
-    says[BACKGROUND] = [1 - false, *(false * others / others.sum())]
+    wrong = float(np.clip(1 - face[list(skin)].sum(), LEAST_DOUBT, 1)) if faced else 1.0
+    false = float(1 - behind[0])
+    doubt = max(wrong, false if any_behind else 0.0)
+    says = (1 - doubt) * SAYS + doubt * (face if faced else 1 / len(CLASSES))
+    says[BACKGROUND] = (1 - doubt) * SAYS[BACKGROUND] + doubt * (behind if any_behind else 1 / len(CLASSES))
     return np.asarray(np.maximum(says, 1e-4), np.float32)
 
 

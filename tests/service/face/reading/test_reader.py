@@ -11,7 +11,6 @@ from service.face.reading.part_labels import BACKGROUND, HAIR, PARTS, SKIN
 from service.face.reading.reader import (
     CELLS,
     PART_CELLS,
-    PersonNetwork,
     ReaderNetwork,
     Readers,
     Reading,
@@ -19,6 +18,7 @@ from service.face.reading.reader import (
     parts_at_pixels,
     read_face,
 )
+from service.face.reading.segments import SegmenterNetwork
 from service.face.region import Region
 from service.geometry.camera import ahead, exp_rotation
 from tests.service.face.geometry import oval
@@ -46,6 +46,10 @@ class Known:
         return [a.astype(np.float32) for a in (chart, one * 2.0, normal, one * 0.1, parts)]
 
 
+CLASS_LOGITS = (-5.0, 5.0), (-5.0, -5.0), (-5.0, -5.0), (5.0, -5.0), (-5.0, -5.0), (-5.0, -5.0)
+"""Of the segmentation's classes, above and below: a face above, background below."""
+
+
 class Faulty:
     """Gives no numbers."""
 
@@ -53,11 +57,11 @@ class Faulty:
         raise NumericFault("NaN")
 
 
-def readers(pixels: Known, person: PersonNetwork | bool = False) -> Readers:
+def readers(pixels: Known, segmenter: SegmenterNetwork | bool = False) -> Readers:
     """The network of pixels, and none that answers of lids, lips and expression."""
     no = Faulty()
     openings = OpeningsNetwork({"lids": no, "lips": no})  # type: ignore[dict-item]
-    return Readers(ReaderNetwork(pixels), openings, Landmarker((no, no)), person)  # type: ignore[arg-type]
+    return Readers(ReaderNetwork(pixels), openings, Landmarker((no, no)), segmenter)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("landmarks", [np.full((468, 3), np.nan), np.zeros((468, 3))])
@@ -104,23 +108,28 @@ def test_a_ray_that_does_not_lead_forward_is_refused(ray: list[float]) -> None:
         ahead(np.array(ray))
 
 
-def test_the_person_is_told_from_the_background_where_that_is_not_switched_off() -> None:
+def test_the_segmentation_counts_where_it_is_not_switched_off_and_gives_numbers(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     class Above:
-        """Sees a person in the upper half only: misses some of the face."""
+        """Sees a face in the upper half of the square, background below: misses some of the face."""
 
         def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
-            return [np.tile((np.arange(256) < 128)[:, None, None], (1, 1, 256, 1)).astype(np.float32)]
+            upper = np.arange(256)[:, None] < 128
+            return [np.stack([np.where(upper, *c) + np.zeros((256, 256)) for c in CLASS_LOGITS], -1)[None]]
 
     pixels = np.zeros((400, 600, 3), np.uint8)
     pixels[:240] = 255
     plain = read_face(pixels, oval(0.0), readers(Known()))
-    weighed = read_face(pixels, oval(0.0), readers(Known(), PersonNetwork(Above())))  # type: ignore[arg-type]
-    blind = read_face(pixels, oval(0.0), readers(Known(), PersonNetwork(Faulty())))  # type: ignore[arg-type]
+    weighed = read_face(pixels, oval(0.0), readers(Known(), SegmenterNetwork(Above())))  # type: ignore[arg-type]
+    with caplog.at_level("WARNING"):
+        blind = read_face(pixels, oval(0.0), readers(Known(), SegmenterNetwork(Faulty())))  # type: ignore[arg-type]
     assert plain is not None and weighed is not None and blind is not None
-    assert np.array_equal(blind.parts, plain.parts)
-    gain = weighed.parts[..., BACKGROUND] - plain.parts[..., BACKGROUND]
-    assert gain.max() > 0.01 and gain.min() > -1e-6
-    assert readers(Known()).person is None and readers(Known(), True).person is not None
+    assert np.array_equal(blind.parts, plain.parts) and blind.segments is None
+    assert "not told apart" in caplog.text and "NaN" in caplog.text
+    assert plain.segments is None and weighed.segments is not None
+    assert (weighed.parts[..., BACKGROUND] - plain.parts[..., BACKGROUND]).max() > 0.01
+    assert readers(Known()).segmenter is None and readers(Known(), True).segmenter is not None
 
 
 def reading(side: float, hair: float, around: Reading | None = None) -> Reading:
