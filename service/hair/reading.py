@@ -236,9 +236,9 @@ def with_curls(kinds: Mapping[str, Mapping[str, float]], agrees: float | None) -
     return {**kinds, "curl": {name: share / sum(chance.values()) for name, share in chance.items()}}
 
 
-OWN_ERRS, OWN_COUNTS = 0.03, 0.25
+OWN_ERRS, OWN_COUNTS = 0.03, 0.5
 """How often the network may be wrong, however sure, and the power of its odds: it was taught on the same drawn people
-as the reader of faces, and adds little to it."""
+as the reader of faces, and is half a witness."""
 
 
 def together(own: Float32, parts: Float32) -> Float32:

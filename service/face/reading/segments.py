@@ -46,7 +46,7 @@ SAYS[[BROW, LIP, MOUTH]] = 0.01, 0.02, 0.03, 0.92, 0.01, 0.01
 SAYS[BEARD] = 0.02, 0.20, 0.06, 0.70, 0.01, 0.01
 SAYS[[SCLERA, IRIS]] = 0.01, 0.02, 0.01, 0.88, 0.01, 0.07
 # Single strands before a face or a wall are too thin for it.
-SAYS[HAIR] = 0.05, 0.78, 0.04, 0.10, 0.01, 0.02
+SAYS[HAIR] = 0.08, 0.72, 0.04, 0.10, 0.01, 0.05
 SAYS[GLASSES] = 0.02, 0.02, 0.02, 0.47, 0.01, 0.46
 SAYS[HAT] = 0.05, 0.08, 0.02, 0.02, 0.08, 0.75
 SAYS[CLOTH] = 0.02, 0.02, 0.03, 0.01, 0.88, 0.04
