@@ -201,6 +201,10 @@ RANKS = (0.06, 0.94)
 """Ranks of brightness beyond which pixels are gaps and background, or mirror a lamp."""
 MOST_STEEP = 0.8
 """Most by which the logarithm of a channel may rise beside that of luminance: more is two materials."""
+VEIL_RANK, VEIL_PIXELS = 0.005, 100_000
+"""Rank in each channel of the photo's pixels that count as black, and of how many of them it is taken."""
+MOST_VEIL, VEIL_SHARE = 0.04, 0.9
+"""Most that is taken for veil, linear, and the largest share of a pixel."""
 OWN = 0.7
 """Share of a seen strand's own departure from the mean that it keeps: the rest is its neighbours' and noise."""
 CONTRAST = 0.9
@@ -242,7 +246,7 @@ def painted(
     guess = np.log(np.maximum(skin * np.array([0.12, 0.09, 0.075], np.float32), 1e-4))
     if read is None or sight is None:
         return _guessed(guess, count, rng)
-    pixels = bytes_to_linear(sight.region.cut(photo.pixels, PIXELS))
+    pixels = without_veil(bytes_to_linear(sight.region.cut(photo.pixels, PIXELS)), photo)
     told = np.kron(_well_within(read, photo), np.ones((FINE, FINE), np.bool_)) & (pixels.max(-1) < 0.98)
     bright = np.log(np.maximum(luma(pixels), 1e-4))
     inner = told & (pixels.max(-1) > BLACK)
@@ -276,6 +280,17 @@ def painted(
     darkest = float(np.median(shown.reshape(-1, 3), 0).min())
     shine = float(np.clip(MOST_SHINE * darkest, SHINE, MIRRORED))
     return as_absorbed(shown, dyed_from=-np.inf, shine=shine)  # what is pigment in it is told without its light
+
+
+def without_veil(linear: Float32, photo: Photo) -> Float32:
+    """Linear RGB (..., 3) of a photo without the colour that its black has: haze, flare, or the look of faded film.
+
+    On skin it is little, on dark hair half of the blue.
+    """
+    step = max(1, round((photo.pixels.size / 3 / VEIL_PIXELS) ** 0.5))
+    black = bytes_to_linear(np.quantile(photo.pixels[::step, ::step].reshape(-1, 3), VEIL_RANK, 0).astype(np.uint8))
+    veil = np.minimum(black - black.min(), MOST_VEIL)
+    return np.asarray(np.maximum(linear - veil, (1 - VEIL_SHARE) * linear), np.float32)
 
 
 def _without_skin(usual: Float32, strands: Float32, skin: Float32, guess: Float32) -> Float32:

@@ -47,7 +47,7 @@ SAYS[BEARD] = 0.02, 0.20, 0.06, 0.70, 0.01, 0.01
 SAYS[[SCLERA, IRIS]] = 0.01, 0.02, 0.01, 0.88, 0.01, 0.07
 # Single strands before a face or a wall are too thin for it.
 SAYS[HAIR] = 0.08, 0.72, 0.04, 0.10, 0.01, 0.05
-SAYS[GLASSES] = 0.02, 0.02, 0.02, 0.47, 0.01, 0.46
+SAYS[GLASSES] = 0.02, 0.02, 0.02, 0.64, 0.01, 0.29
 SAYS[HAT] = 0.05, 0.08, 0.02, 0.02, 0.08, 0.75
 SAYS[CLOTH] = 0.02, 0.02, 0.03, 0.01, 0.88, 0.04
 SAYS[OTHER] = 0.15, 0.05, 0.35, 0.05, 0.10, 0.30
