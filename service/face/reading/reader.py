@@ -27,6 +27,8 @@ from service.photo.photo import Photo
 from service.runtime.sessions import Session, load_session
 from service.stage_cache import Loaded
 
+log = logging.getLogger(__name__)
+
 SIDE, CELLS, PART_CELLS = 256, 64, 128
 """Pixels along the crop, cells of chart coordinates and normals, cells of parts."""
 FILL = 0.64
@@ -142,10 +144,10 @@ def _average(one: list[Float64], other: list[Float64]) -> list[Float64]:
 
 
 def parts_at_pixels(reading: Reading, at: Float64, *, strands: bool = False) -> Float32:
-    """(N, 13) float32 probabilities of the parts at photo pixels (N, 2); what no crop shows is the segmentation's,
-    without one background.
+    """(N, 13) float32 probabilities of the parts at photo pixels (N, 2).
 
-    The narrow crop, which is finer, goes over into the wider one at its border.
+    What no crop shows is told by the segmentation alone, or counts as background without one. The narrow crop, which is
+    finer, goes over into the wider one at its border.
 
     Args:
         reading: of the photo.
@@ -186,9 +188,6 @@ def _beyond(reading: Reading, at: Float64, parts: Float32, inside: Float32) -> F
     if reading.segments is not None and beyond.any():
         parts[beyond] = parts_of(reading.segments.at(at[beyond]))
     return parts
-
-
-log = logging.getLogger(__name__)
 
 
 def with_segments(pixels: UInt8, reading: Reading, segments: Segments) -> Reading:

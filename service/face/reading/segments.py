@@ -78,7 +78,7 @@ class Segments:
 
     Attributes:
         region: the square in the photo.
-        shares: (256, 256, 6) float32 probabilities of ``CLASSES``.
+        shares: (256, 256, 6) float32 probabilities of ``CLASSES``; what lies beyond the photo is background.
     """
 
     region: Region
@@ -105,7 +105,12 @@ class SegmenterNetwork:
         image = np.ascontiguousarray(region.cut(pixels, SIDE), np.float32)[None] / np.float32(255)
         logits = np.asarray(self._session.run({"image": image})[0].reshape(SIDE, SIDE, len(CLASSES)), np.float32)
         share = np.exp(logits - logits.max(-1, keepdims=True))
-        return Segments(region, share / share.sum(-1, keepdims=True))
+        share /= share.sum(-1, keepdims=True)
+        cells = np.arange(SIDE) + 0.5
+        at = region.to_photo(np.stack(np.meshgrid(cells, cells), -1).reshape(-1, 2), SIDE)
+        beyond = ((at < 0) | (at > [pixels.shape[1], pixels.shape[0]])).any(1).reshape(SIDE, SIDE)
+        share[beyond] = np.eye(len(CLASSES), dtype=np.float32)[0]  # a face is seen in the black there
+        return Segments(region, share)
 
 
 def likelihoods(parts: Float32, shares: Float32, inside: Bool) -> Float32:

@@ -141,3 +141,13 @@ def test_the_shipped_network_knows_the_samples_hair_face_and_clothes() -> None:
     )
     assert found.argmax(1).tolist() == [FACE, LOCKS, CLOTHES, BACK]
     np.testing.assert_allclose(found.sum(1), 1, atol=1e-4)
+
+
+def test_nothing_is_seen_beyond_the_photo() -> None:
+    """In the black round a photo that ends at the chin the network saw another face."""
+    pixels = read_photo(SAMPLE.read_bytes()).pixels[60:280, 100:350]
+    found = SegmenterNetwork()(pixels, Region(125, 110, 500))
+    y, x = np.mgrid[:SIDE, :SIDE]
+    beyond = (abs(x + 0.5 - SIDE / 2) > 66) | (abs(y + 0.5 - SIDE / 2) > 58)
+    assert (found.shares[beyond].argmax(-1) == BACK).all()
+    assert (found.shares[~beyond].argmax(-1) == FACE).mean() > 0.1
