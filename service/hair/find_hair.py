@@ -201,7 +201,7 @@ RANKS = (0.06, 0.94)
 """Ranks of brightness beyond which pixels are gaps and background, or mirror a lamp."""
 MOST_STEEP = 0.8
 """Most by which the logarithm of a channel may rise beside that of luminance: more is two materials."""
-VEIL_RANK, VEIL_PIXELS = 0.005, 100_000
+VEIL_RANK, VEIL_PIXELS = 0.001, 100_000
 """Rank in each channel of the photo's pixels that count as black, and of how many of them it is taken."""
 MOST_VEIL, VEIL_SHARE = 0.04, 0.9
 """Most that is taken for veil, linear, and the largest share of a pixel."""
