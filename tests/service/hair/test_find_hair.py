@@ -28,6 +28,7 @@ from service.hair.find_hair import (
     painted,
     see_hair,
     usual_curl,
+    without_veil,
 )
 from service.hair.groom import make_groom
 from service.hair.kinds import CURLS, LENGTHS
@@ -77,6 +78,20 @@ def test_the_bank_knows_what_it_is_shown(kind: str) -> None:
     assert matches.probability.sum() == pytest.approx(1.0)
     assert next(iter(matches.kinds(read_bank()))) == kind
     assert matches.overlap.max() > 0.8
+
+
+def test_the_colour_of_a_photos_black_is_not_the_hairs() -> None:
+    """Blacks of faded film are blue: auburn hair was violet, and told as black. A photo with true blacks stays."""
+    rng = np.random.default_rng(0)
+    scene = rng.uniform(0, 0.5, (200, 200, 3)).astype(np.float32)
+    scene[:20] = 0
+    hair = np.array([0.18, 0.08, 0.04], np.float32)
+    veil = np.array([0.0, 0.004, 0.02], np.float32)
+    faded, true = (Photo(np.rint(255 * linear_to_srgb(scene + one)).astype(np.uint8)) for one in (veil, 0 * veil))
+    np.testing.assert_allclose(without_veil(hair + veil, faded), hair, atol=2e-3)
+    np.testing.assert_allclose(without_veil(hair, true), hair, atol=1e-6)
+    assert (without_veil(np.zeros(3, np.float32), faded) >= 0).all(), "darker than black has no logarithm"
+    assert (without_veil(veil, Photo(np.full((4, 4, 3), (0, 0, 255), np.uint8))) > 0).all(), "all of it is one blue"
 
 
 def test_the_rim_of_a_bare_skull_is_no_hair() -> None:
