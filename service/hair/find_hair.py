@@ -285,11 +285,11 @@ def painted(
 def without_veil(linear: Float32, photo: Photo) -> Float32:
     """Linear RGB (..., 3) of a photo without the colour that its black has: haze, flare, or the look of faded film.
 
-    On skin it is little, on dark hair half of the blue.
+    On skin it is little, on dark hair half of the blue. A photo none of whose channels is black shows none.
     """
     step = max(1, round((photo.pixels.size / 3 / VEIL_PIXELS) ** 0.5))
     black = bytes_to_linear(np.quantile(photo.pixels[::step, ::step].reshape(-1, 3), VEIL_RANK, 0).astype(np.uint8))
-    veil = np.minimum(black - black.min(), MOST_VEIL)
+    veil = np.minimum(black - black.min(), MOST_VEIL) if black.min() < BLACK else np.zeros(3, np.float32)
     return np.asarray(np.maximum(linear - veil, (1 - VEIL_SHARE) * linear), np.float32)
 
 

@@ -91,7 +91,7 @@ def test_the_colour_of_a_photos_black_is_not_the_hairs() -> None:
     np.testing.assert_allclose(without_veil(hair + veil, faded), hair, atol=2e-3)
     np.testing.assert_allclose(without_veil(hair, true), hair, atol=1e-6)
     assert (without_veil(np.zeros(3, np.float32), faded) >= 0).all(), "darker than black has no logarithm"
-    assert (without_veil(veil, Photo(np.full((4, 4, 3), (0, 0, 255), np.uint8))) > 0).all(), "all of it is one blue"
+    assert (without_veil(veil, Photo(np.full((4, 4, 3), (0, 0, 255), np.uint8)))[1:] > 0).all(), "all of it is one blue"
 
 
 def test_the_rim_of_a_bare_skull_is_no_hair() -> None:
