@@ -32,7 +32,8 @@ class Framing:
 
 
 FRAMINGS = {"face": Framing((0.45, 0.86), 0.03), "hair": Framing((0.34, 0.46), 0.05)}
-"""Of portraits to read faces in, and of wider ones that hold all of the hair (``service.hair.reading.FILL``)."""
+"""Of portraits to read faces in, and of wider ones that hold all of the hair (``service.face.reading.reader``: its
+``HEAD_FILL``)."""
 
 
 def draw_camera(seed: int, size: int, face: Float, framing: Framing = FRAMINGS["face"]) -> Camera:

@@ -20,9 +20,9 @@ from models.people.shards import UNKNOWN, load
 from service.errors import ModelFault
 from service.face.detection import face_roll
 from service.face.reading import part_labels as labels
+from service.face.reading.reader import HEAD_ABOVE, HEAD_FILL
 from service.face.region import Region, level_square
 from service.hair.kinds import KINDS, LENGTHS, PARTINGS, length_of
-from service.hair.reading import BELOW, FILL
 
 People = dict[str, npt.NDArray[Any]]
 Image = npt.NDArray[Any]
@@ -80,8 +80,8 @@ def crop_of_person(people: People, i: int, rng: np.random.Generator | None) -> t
     points[:, :2] = people["points"][i]
     angle = face_roll(points[:468])
     shake = np.zeros(4) if rng is None else rng.normal(0, [0.06, 0.03, 0.03, 0.08])
-    fill = FILL * np.exp(shake[0])
-    square = level_square(points[:468, :2], float(angle + shake[3]), 1 / fill, BELOW)
+    fill = HEAD_FILL * np.exp(shake[0])
+    square = level_square(points[:468, :2], float(angle + shake[3]), 1 / fill, HEAD_ABOVE)
     turn = np.array([np.cos(square.angle), np.sin(square.angle)]) * square.side
     x, y = square.x + turn[0] * shake[1] - turn[1] * shake[2], square.y + turn[1] * shake[1] + turn[0] * shake[2]
     return Region(float(x), float(y), square.side, square.angle), image
@@ -240,5 +240,3 @@ def draw(pool: list[People], count: int, rng: np.random.Generator) -> HairBatch:
             behind = np.asarray(cv2.GaussianBlur(turned, (0, 0), float(rng.uniform(0.3, 4))), np.float32)
         made.append(example(people, int(rng.integers(len(people["seed"]))), rng, behind))
     return batch_of(made)
-
-
