@@ -35,7 +35,6 @@ import numpy.typing as npt
 from export.faces.onnx_tools import Arrays, plain_resize, rename, store_half, thinned, write_gated
 from export.faces.probes import point_probes, probes
 from export.faces.registry import MODELS, check_source, register
-from export.faces.tflite_tools import with_builtin_operators
 
 REFERENCES = Path(__file__).parents[2] / "tests" / "data" / "faces"
 OPSET = 17
@@ -188,7 +187,6 @@ def convert(archive_file: Path, source: Source, folder: Path) -> None:
         path = Path(work) / "source.tflite"
         path.write_bytes(read_member(archive_file, source.member))
         check_source(path, source.sha256)
-        path.write_bytes(with_builtin_operators(path.read_bytes()))
         pairs = [(image, run_tflite(path, source, image)) for image in source.probes()]
         target = folder / f"{source.name}.onnx"
         worst = write_gated(to_onnx(path, source), target, pairs, source.bound, mean=source.half)

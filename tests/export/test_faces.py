@@ -1,14 +1,16 @@
 from __future__ import annotations
 
+import tarfile
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from export.faces import identity
-from export.faces.onnx_tools import ParityError, run_onnx, worst_difference
+from export.faces.mediapipe import members, read_member
+from export.faces.onnx_tools import ParityError, plain_resize, run_onnx, store_half, worst_difference
 from export.faces.parity import CHECKS, difference
-from export.faces.tflite_tools import CUSTOM, with_builtin_operators
 
 
 def small_weights() -> dict[str, identity.Stored]:
@@ -72,46 +74,47 @@ def test_the_gate_refuses_nan_and_other_outputs() -> None:
         worst_difference(good, {"other": np.ones(3, np.float32)})
 
 
-def transposed(options: bytes, name: bytes) -> bytes:
-    """A TFLite file of one custom operator: 2 x 2 x 3 numbers, a kernel of 2 x 2 for one channel, a bias."""
-    pytest.importorskip("tensorflow", reason="TensorFlow is installed for conversion only")
-    import flatbuffers
-    from tensorflow.lite.python import schema_py_generated as schema
-
-    model, graph, operator, code = (
-        kind() for kind in (schema.ModelT, schema.SubGraphT, schema.OperatorT, schema.OperatorCodeT)
+def test_rounded_weights_are_gated_by_their_mean_and_exact_ones_by_the_worst() -> None:
+    """A network in single precision moves single pixels of noise far when it is rounded; one in half moves none."""
+    values = np.random.default_rng(2).normal(size=300)
+    image = np.ones(300, np.float32)
+    plain, exact, rounded = (
+        run_onnx(model.SerializeToString(), image)
+        for model in (tiny_model(values), store_half(tiny_model(values)), store_half(tiny_model(values), rounded=True))
     )
-    code.builtinCode = code.deprecatedBuiltinCode = schema.BuiltinOperator.CUSTOM
-    code.customCode = name
-    model.version, model.operatorCodes, model.subgraphs = 3, [code], [graph]
-    values = [None, np.arange(12, dtype=np.float32) - 5, np.array([0.25], np.float32), None]
-    graph.tensors, model.buffers = [], []
-    for index, (shape, content) in enumerate(zip(([1, 2, 2, 3], [1, 2, 2, 3], [1], [1, 4, 4, 1]), values, strict=True)):
-        tensor, buffer = schema.TensorT(), schema.BufferT()
-        tensor.name, tensor.shape, tensor.buffer = f"t{index}".encode(), shape, index + 1
-        buffer.data = None if content is None else list(content.tobytes())
-        graph.tensors.append(tensor)
-        model.buffers.append(buffer)
-    model.buffers.insert(0, schema.BufferT())  # the empty one, by convention
-    operator.opcodeIndex, operator.inputs, operator.outputs, operator.customOptions = 0, [0, 1, 2], [3], list(options)
-    graph.operators, graph.inputs, graph.outputs = [operator], [0], [3]
-    builder = flatbuffers.Builder(0)
-    builder.Finish(model.Pack(builder), b"TFL3")
-    return bytes(builder.Output())
+    assert worst_difference(plain, exact) == 0
+    worst, mean = (worst_difference(plain, rounded, mean=one) for one in (False, True))
+    assert 0 < mean < worst < 2e-3
+    half = values.astype(np.float16)
+    assert worst_difference({"out": half.astype(np.float32)}, rounded) == 0
 
 
-@pytest.mark.filterwarnings("ignore::UserWarning")  # TensorFlow says that its interpreter moves
-def test_mediapipes_own_operator_becomes_built_in_ones() -> None:
-    """Against the sum of the kernel's copies: every input pixel lays one down, two pixels from the next."""
-    data = transposed(np.array([1, 2, 2], "<i4").tobytes(), CUSTOM)
-    import tensorflow as tf
+def test_the_nearest_pixel_is_the_same_without_what_onnxruntime_warns_of() -> None:
+    onnx = pytest.importorskip("onnx")
+    helper, image = onnx.helper, np.random.default_rng(3).random((1, 1, 4, 4), np.float32)
+    node = helper.make_node(
+        "Resize", ["image", "", "by"], ["out"], mode="nearest", nearest_mode="floor",
+        coordinate_transformation_mode="tf_half_pixel_for_nn",
+    )  # fmt: skip
+    by = onnx.numpy_helper.from_array(np.array([1, 1, 2, 2], np.float32), "by")
+    shapes = [helper.make_tensor_value_info(name, 1, shape) for name, shape in (("image", [1, 1, 4, 4]), ("out", None))]
+    graph = helper.make_graph([node], "g", shapes[:1], shapes[1:], [by])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
+    model.ir_version = 8
+    plain = plain_resize(model)
+    assert plain.graph.node[0].attribute != model.graph.node[0].attribute
+    found = run_onnx(plain.SerializeToString(), image)["out"]
+    np.testing.assert_array_equal(found[0, 0], np.kron(image[0, 0], np.ones((2, 2))))
 
-    interpreter = tf.lite.Interpreter(model_content=with_builtin_operators(data))
-    interpreter.allocate_tensors()
-    image = np.random.default_rng(3).normal(size=(1, 2, 2, 3)).astype(np.float32)
-    interpreter.set_tensor(interpreter.get_input_details()[0]["index"], image)
-    interpreter.invoke()
-    found = interpreter.get_tensor(interpreter.get_output_details()[0]["index"])[0, ..., 0]
-    kernel = (np.arange(12) - 5.0).reshape(2, 2, 3)
-    expected = np.einsum("yxc,abc->yaxb", image[0], kernel).reshape(4, 4) + 0.25
-    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+def test_networks_are_found_in_zips_and_tars(tmp_path: Path) -> None:
+    zipped, tarred = tmp_path / "one.whl", tmp_path / "one.tgz"
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "x.tflite").write_bytes(b"network")
+    with zipfile.ZipFile(zipped, "w") as archive:
+        archive.writestr("a/x.tflite", b"network")
+    with tarfile.open(tarred, "w:gz") as tar:
+        tar.add(tmp_path / "a", "a")
+    for file in (zipped, tarred):
+        assert "a/x.tflite" in members(file)
+        assert read_member(file, "a/x.tflite") == b"network"
