@@ -110,7 +110,7 @@ class Eyes:
         found = read_hair(pixels, read, self.hair)
         if found is None:
             return None
-        own = parts_at_pixels(read, found.cells, strands=True)[:, HAIR].reshape(CELLS, CELLS)
+        own = parts_at_pixels(read, found.cells)[:, HAIR].reshape(CELLS, CELLS)
         return found, own
 
 

@@ -247,7 +247,7 @@ def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
     """
     result = np.zeros((len(unwrapped.weight), reading.parts.shape[-1]), np.float32)
     shown = np.flatnonzero(unwrapped.weight > 0)
-    result[shown] = parts_at_pixels(reading, fit.camera.project(unwrapped.position[shown]), strands=True)
+    result[shown] = parts_at_pixels(reading, fit.camera.project(unwrapped.position[shown]))
     return result
 
 
