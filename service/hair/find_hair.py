@@ -24,7 +24,7 @@ from service.hair.colour import DARK, KNOTS, SHINE, HairColour, as_absorbed, ask
 from service.hair.groom import make_groom
 from service.hair.guides import grow_several, grown, has_fringe
 from service.hair.kinds import CURLS, GATHERED, KINDS, kinds_of
-from service.hair.reading import CELLS, HairNetwork, HairReading, read_hair
+from service.hair.reading import CELLS, FINE, HairNetwork, HairReading, read_hair
 from service.hair.scalp import Scalp, length_of
 from service.hair.shape import fitted, seen_share, upright
 from service.hair.sight import SHOWS, Drawn, Sight, overlap
@@ -186,9 +186,8 @@ def _on_scalp(sight: Sight, skin: Scalp) -> tuple[float, float]:
     return hair / max(known, 1e-6), shown / max(float(facing.sum()), 1.0)
 
 
-FINE = 3
 PIXELS = FINE * CELLS
-"""Pixels along a cell and along the square from which colours are taken: 1.3 mm each."""
+"""Pixels along the square from which colours are taken."""
 LEAST_PIXELS = 150
 """Fewest of them, well within hair, from which its colour is measured: 17 cells."""
 LIGHT_CELLS = 7.0

@@ -15,11 +15,14 @@ from service.face.region import Region
 from service.hair.kinds import KINDS
 from service.hair.reading import (
     CELLS,
+    FINE,
     SIDE,
     HairNetwork,
+    agreement,
     read_hair,
     region_of,
     together,
+    with_curls,
 )  # fmt: skip
 from service.photo.gate import read_photo
 
@@ -145,3 +148,42 @@ def test_the_sample_photo_has_hair_over_the_forehead_and_none_on_the_face() -> N
     assert above.min() > 0.6
     assert on_face.max() < 0.3
     assert found.kinds["length"]["cropped"] < 0.5
+
+
+def strands_of(turned: float) -> np.ndarray:
+    """(336, 336, 3) uint8: vertical strands, in squares of 1.6 cm turned by up to so many radians either way."""
+    rng = np.random.default_rng(3)
+    rows, columns = np.mgrid[: FINE * CELLS, : FINE * CELLS].astype(np.float32)
+    angle = np.kron(rng.uniform(-turned, turned, (28, 28)), np.ones((12, 12)))
+    grey = 120 + 60 * np.sin((columns * np.cos(angle) + rows * np.sin(angle)) * 1.4)
+    return np.repeat(grey[..., None], 3, 2).astype(np.uint8)
+
+
+def test_strands_of_straight_hair_agree_and_those_of_curls_do_not() -> None:
+    hair = np.zeros((CELLS, CELLS), np.float32)
+    hair[20:80, 20:80] = 1
+    square = Region(FINE * CELLS / 2, FINE * CELLS / 2, FINE * CELLS, 0.0)
+    straight, curly = (agreement(strands_of(turned), square, hair) for turned in (0.0, 1.5))
+    assert straight is not None and curly is not None
+    assert straight > 0.95 and curly < 0.65
+    turned = agreement(np.ascontiguousarray(strands_of(0.0).transpose(1, 0, 2)), square, hair)
+    assert turned == pytest.approx(straight, abs=0.02), "whichever way they run"
+    flat = agreement(np.full((FINE * CELLS, FINE * CELLS, 3), 9, np.uint8), square, hair)
+    assert flat is not None and np.isfinite(flat), "hair without any contrast divides by no energy"
+    assert agreement(strands_of(0.0), square, hair * (np.arange(CELLS) < 24)) is None, "too little hair"
+
+
+def test_curls_are_told_of_loose_hair_that_hangs_alone() -> None:
+    def kinds(length: str, gathered: str) -> dict[str, dict[str, float]]:
+        certain = {"length": length, "gathered": gathered}
+        told = {name: {c: float(c == certain.get(name, c)) for c in choices} for name, choices in KINDS.items()}
+        return told | {"curl": {"straight": 0.4, "wavy": 0.4, "curly": 0.15, "coily": 0.05}}
+
+    long = kinds("shoulder", "none")
+    curly, smooth = with_curls(long, 0.4)["curl"], with_curls(long, 0.85)["curl"]
+    assert max(curly, key=lambda name: curly[name]) == "curly" and smooth["curly"] < 0.05
+    for told in (curly, smooth, with_curls(long, -5.0)["curl"], with_curls(long, 9.0)["curl"]):
+        assert sum(told.values()) == pytest.approx(1.0) and np.isfinite(list(told.values())).all()
+    assert with_curls(kinds("short", "none"), 0.4)["curl"] == long["curl"]
+    assert with_curls(kinds("longer", "plaits"), 0.4)["curl"] == long["curl"]
+    assert with_curls(long, None) == long
