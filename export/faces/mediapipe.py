@@ -110,7 +110,7 @@ SOURCES = (
     Source(
         "segmenter", "package/mediapipe/models/selfie_multiclass_256x256.tflite",
         "c6748b1253a99067ef71f7e26ca71096cd449baefa8f101900ea23016507e0e0",
-        256, 0.0, {"Identity": "classes"}, {"classes": [1, 256, 256, 6]}, 3e-2, FILTERS, half=True, every=8,
+        256, -1.0, {"Identity": "classes"}, {"classes": [1, 256, 256, 6]}, 0.2, FILTERS, half=True, every=8,
     ),
 )  # fmt: skip
 

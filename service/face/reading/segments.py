@@ -102,7 +102,7 @@ class SegmenterNetwork:
         Raises:
             NumericFault: the network gives no numbers.
         """
-        image = np.ascontiguousarray(region.cut(pixels, SIDE), np.float32)[None] / np.float32(255)
+        image = np.ascontiguousarray(region.cut(pixels, SIDE), np.float32)[None] / np.float32(127.5) - np.float32(1)
         logits = np.asarray(self._session.run({"image": image})[0].reshape(SIDE, SIDE, len(CLASSES)), np.float32)
         share = np.exp(logits - logits.max(-1, keepdims=True))
         share /= share.sum(-1, keepdims=True)
